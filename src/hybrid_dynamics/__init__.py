@@ -1,0 +1,1 @@
+"""Interpretable hybrid robot dynamics: torque = rigid body + residual, and the physical effect behind the residual."""
