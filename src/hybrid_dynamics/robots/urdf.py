@@ -14,7 +14,7 @@ MOVABLE = ("revolute", "continuous", "prismatic")
 
 
 def read_urdf(path: str | os.PathLike[str]) -> ET.Element:
-    """Parse ``path``; raises :class:`InputError` where it is missing, not XML, or no URDF with moving, massive links."""
+    """Parse ``path``; raises :class:`InputError` where it is missing, not XML or not a URDF of moving links."""
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{file}: no such URDF file; give the path of the robot's URDF")

@@ -1,0 +1,61 @@
+# The two commands that matter: `make repro` (the whole study) and `make test`.
+# Both create the environment (.venv) first; both can be repeated at will.
+
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(CURDIR)/$(VENV)/bin
+export PATH := $(BIN):$(PATH)
+export PYTHONUNBUFFERED := 1
+# BLAS threads beside busy processes on few cores cost more than they bring; stages use worker processes instead.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+
+.PHONY: help venv repro tables test lint params ui lock bench clean-venv
+
+help:
+	@echo "make repro   set up .venv, run the whole study (dvc repro), print the tables and the report's path"
+	@echo "make test    set up .venv, lint, type-check, run the tests"
+	@echo "make ui      MLflow's comparison of all methods, on http://127.0.0.1:5000"
+	@echo "make params  compose conf/ into params.yaml (after editing conf/)"
+	@echo "make bench   time the differentiators side by side"
+
+venv: $(VENV)/.ready
+
+$(VENV)/.ready: requirements.lock pyproject.toml
+	@$(PYTHON) --version | grep -q '^Python 3\.11\.' || { echo "error: $(PYTHON) is not Python 3.11; set PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@echo "== creating the environment in $(VENV) (about two minutes the first time)"
+	@test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
+	@$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	@$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+repro: venv
+	@echo "== dvc repro: the whole study (stages that are up to date are skipped)"
+	@dvc repro
+	@$(MAKE) --no-print-directory tables
+
+tables: venv
+	@python stages/print_tables.py
+
+lint: venv
+	@echo "== ruff and mypy"
+	@ruff check .
+	@ruff format --check .
+	@mypy
+
+test: lint
+	@echo "== tests"
+	@pytest
+
+params: venv
+	@python stages/compose.py
+
+ui: venv
+	@mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///$(CURDIR)/mlflow.db
+
+bench: venv
+	@python benchmarks/differentiate.py
+
+# Re-pin every dependency from what is installed (maintainers only).
+lock: venv
+	@python -m pip freeze --exclude-editable --all | grep -v '^pip==' | sed 's/+cpu$$//' > requirements.lock

@@ -1,0 +1,63 @@
+"""Where the files of a dataset are (relative to the project's root)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+REPORTS = Path("reports")
+RAW = Path("data/raw")
+
+
+@dataclass(frozen=True)
+class DatasetFiles:
+    """Paths below ``data/<dataset>/``; see docs/architecture.md for who writes what."""
+
+    dataset: str
+    root: Path = Path()
+
+    @property
+    def folder(self) -> Path:
+        return self.root / "data" / self.dataset
+
+    @property
+    def source(self) -> Path:
+        return self.folder / "source"
+
+    @property
+    def robot(self) -> Path:
+        return self.folder / "robot.urdf"
+
+    @property
+    def trajectories(self) -> Path:
+        return self.folder / "trajectories.parquet"
+
+    @property
+    def truth(self) -> Path:
+        return self.folder / "truth.parquet"
+
+    @property
+    def derivatives(self) -> Path:
+        return self.folder / "derivatives.parquet"
+
+    @property
+    def features(self) -> Path:
+        return self.folder / "features.parquet"
+
+    @property
+    def errors(self) -> Path:
+        return self.folder / "errors.parquet"
+
+    @property
+    def predictions(self) -> Path:
+        return self.folder / "predictions.parquet"
+
+    def model(self, method: str) -> Path:
+        return self.folder / "models" / method
+
+    def timing(self, method: str) -> Path:
+        return self.folder / "timing" / f"{method}.json"
+
+    @property
+    def loop(self) -> Path:
+        return self.folder / "loop"
