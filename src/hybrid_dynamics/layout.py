@@ -33,10 +33,6 @@ class DatasetFiles:
         return self.folder / "trajectories.parquet"
 
     @property
-    def truth(self) -> Path:
-        return self.folder / "truth.parquet"
-
-    @property
     def derivatives(self) -> Path:
         return self.folder / "derivatives.parquet"
 

@@ -103,6 +103,10 @@ class Robot:
         out[self._v] = values.T
         return out
 
+    def _per_joint(self, values: Array) -> Array:
+        # Pinocchio returns a flat array for one sample or one joint.
+        return np.asarray(values).reshape(self.model.nv, -1)[self._v].T.copy()
+
     def _check(self, *arrays: Array) -> tuple[Array, ...]:
         out = tuple(np.atleast_2d(np.asarray(a, float)) for a in arrays)
         for a in out:
@@ -115,7 +119,7 @@ class Robot:
         q, dq, ddq = self._check(q, dq, ddq)
         pool = pin.ModelPool(self.model, 1)
         torque = pin.rneaInParallel(1, pool, self._configuration(q), self._tangent(dq), self._tangent(ddq))
-        return np.asarray(torque).T[:, self._v].copy()
+        return self._per_joint(torque)
 
     def rigid_body_torques(self, q: Array, dq: Array, ddq: Array) -> RigidBodyTorques:
         """Split the rigid-body torque into M(q)ddq, C(q,dq)dq and g(q) by three Newton-Euler passes."""
@@ -131,7 +135,7 @@ class Robot:
         q, dq, tau = self._check(q, dq, tau)
         pool = pin.ModelPool(self.model, 1)
         ddq = pin.abaInParallel(1, pool, self._configuration(q), self._tangent(dq), self._tangent(tau))
-        return np.asarray(ddq).T[:, self._v].copy()
+        return self._per_joint(ddq)
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Inertial regressor Y (T, n, 10 n) with Y pi = rigid-body torque without armature [N m].
