@@ -1,0 +1,5 @@
+"""Differentiators by name."""
+
+from __future__ import annotations
+
+METHODS: tuple[str, ...] = ("butterworth",)

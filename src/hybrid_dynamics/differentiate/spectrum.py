@@ -1,0 +1,100 @@
+"""What the spectrum of a measured signal says: noise level, bandwidth, and the error a linear smoother would make.
+
+A measured signal is x = s + n: s smooth (its power falls steeply with frequency), n broadband. For a zero-phase
+smoother with frequency response H(f), the mean square error of the m-th derivative is
+
+    R(H) = integral (2 pi f)^(2m) [ (1 - H)^2 S_s(f) + H^2 S_n(f) ] df .
+
+With P the periodogram of x and S_n known, S_s = P - S_n is unbiased, so R is too (Mallows' C_p, here in the frequency
+domain and for derivatives). Every linear method of this package chooses its parameter as the minimiser of R.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from hybrid_dynamics.errors import InputError
+
+Array = NDArray[np.float64]
+Response = Callable[[Array], Array]
+
+MIN_SAMPLES = 64
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """One-sided densities of one signal: ``frequency`` (F,) [Hz], ``power`` and ``noise`` (F,) [unit^2/Hz].
+
+    ``noise_std`` [unit] is the standard deviation of the broadband noise, ``bandwidth`` [Hz] the knee of the spectrum,
+    where the motion sinks into the noise.
+    """
+
+    frequency: Array
+    power: Array
+    noise: Array
+    noise_std: float
+    bandwidth: float
+
+    def risk(self, response: Response, derivative: int) -> float:
+        """Estimated mean square error [(unit/s^m)^2] of the m-th derivative behind a smoother H = ``response(f)``."""
+        h = response(self.frequency)
+        signal_power = self.power - self.noise
+        weight = (2 * np.pi * self.frequency) ** (2 * derivative)
+        return float(np.sum(weight * ((1 - h) ** 2 * signal_power + h**2 * self.noise)) * self.frequency[1])
+
+    def signal_variance(self, derivative: int) -> float:
+        """Variance of the m-th derivative of the noise-free signal, up to the bandwidth [(unit/s^m)^2]."""
+        keep = self.frequency <= self.bandwidth
+        weight = (2 * np.pi * self.frequency[keep]) ** (2 * derivative)
+        return float(np.sum(weight * np.clip(self.power[keep] - self.noise[keep], 0, None)) * self.frequency[1])
+
+
+def estimate_spectrum(x: Array, dt: float) -> Spectrum:
+    """Spectrum, noise and bandwidth of ``x`` (T,), sampled every ``dt`` seconds.
+
+    Welch's average of five overlapping stretches of half the length, each without its linear trend and under the
+    fourth power of a cosine, whose leakage falls by 30 dB an octave: a run that ends elsewhere than it began would
+    otherwise fake high frequencies.
+    """
+    x = np.asarray(x, float)
+    if len(x) < MIN_SAMPLES:
+        raise InputError(f"{len(x)} samples are too few for a spectrum; expected at least {MIN_SAMPLES}")
+    length = len(x) // 2
+    window = signal.windows.hann(length, sym=False) ** 2
+    frequency, power = signal.welch(
+        x, fs=1 / dt, window=window, nperseg=length, noverlap=length - length // 4, detrend="linear"
+    )
+    noise, bandwidth = _noise_density(frequency, power)
+    return Spectrum(frequency, power, noise, float(np.sqrt(np.sum(noise) * frequency[1])), bandwidth)
+
+
+def _octave_mean(frequency: Array, power: Array) -> Array:
+    """Mean power over half an octave around each frequency: bridges the gaps between the lines of a multi-sine."""
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    index = np.arange(len(power))
+    low = np.minimum(np.ceil(index * 2**-0.25).astype(int), index)
+    high = np.minimum(np.maximum(np.floor(index * 2**0.25).astype(int), index) + 1, len(power))
+    return np.asarray((total[high] - total[low]) / (high - low))
+
+
+def _noise_density(frequency: Array, power: Array) -> tuple[Array, float]:
+    """Density of the broadband noise, and the knee [Hz] where the signal sinks into it.
+
+    The knee is where the spectrum stops falling faster than 1/f^3, the minimum of f^3 P(f) above the frequency that
+    holds 99.9 % of the power: motion with jumps of acceleration falls as 1/f^6 (its velocity as 1/f^4), encoder
+    quantisation never faster than 1/f^2. Above the knee the noise is the spectrum itself, so it may have a colour;
+    below it is taken as constant, at the mean level of the first octave above.
+    """
+    smooth = _octave_mean(frequency, power)
+    held = np.cumsum(power[1:]) / np.sum(power[1:])
+    first = min(1 + int(np.searchsorted(held, 0.999)), len(power) - 2)
+    last = max(int(0.9 * len(power)), first + 1)
+    knee = first + int(np.argmin((frequency**3 * smooth)[first:last]))
+    noise = smooth.copy()
+    noise[:knee] = np.mean(power[knee : min(2 * knee, len(power)) + 1])
+    return np.maximum(noise, np.finfo(float).tiny), float(frequency[knee])

@@ -1,0 +1,133 @@
+"""Derivatives of a whole run, all columns of a row at the same instant and of the same bandwidth."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.differentiate import butterworth
+from hybrid_dynamics.differentiate.differences import central_difference
+from hybrid_dynamics.differentiate.settings import ZOH, DifferentiateSettings
+from hybrid_dynamics.differentiate.spectrum import Spectrum, estimate_spectrum
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: Largest deviation of a time step from the mean step, as a share of it.
+UNIFORM = 1e-3
+#: Order of the motion's derivative whose error the cut-off minimises: torque needs the acceleration.
+TARGET_DERIVATIVE = 2
+MIN_ROWS = 16
+
+
+def differentiate_trajectory(
+    trajectory: Trajectory, settings: DifferentiateSettings
+) -> tuple[Trajectory, dict[str, Any]]:
+    """``q dq ddq dddq tau`` of ``trajectory`` and a report of what was chosen (JSON values).
+
+    ``trajectory`` holds ``q tau`` and perhaps ``dq`` on a uniform grid. The report holds ``method``, ``dt`` [s],
+    ``cutoff_hz``, per joint ``noise_std`` and ``bandwidth_hz`` of the signal that was differentiated
+    (``source``: ``q`` [rad] or ``dq`` [rad/s]), ``trim_s`` and ``trim_rows`` at the start and end, ``torque_filter``.
+    Raises :class:`InputError` for an uneven grid, a run that is too short, a missing velocity where it is needed.
+    """
+    steps = np.diff(trajectory.time)
+    if len(steps) < MIN_ROWS:
+        raise InputError(f"trajectory {trajectory.name}: {len(trajectory.time)} rows; expected more than {MIN_ROWS}")
+    dt = float((trajectory.time[-1] - trajectory.time[0]) / len(steps))
+    worst = int(np.argmax(np.abs(steps - dt)))
+    if not dt > 0 or abs(steps[worst] - dt) > UNIFORM * dt:
+        raise InputError(
+            f"trajectory {trajectory.name}: time step {steps[worst]:g} s at row {worst + 1}, mean {dt:g} s; "
+            "expected a uniform grid, resample the run first"
+        )
+    if settings.method == ZOH:
+        return _zero_order_hold(trajectory, dt)
+    return _butterworth(trajectory, dt, settings)
+
+
+def _zero_order_hold(trajectory: Trajectory, dt: float) -> tuple[Trajectory, dict[str, Any]]:
+    """Row k: torque held over [t_k, t_k + dt), the interval's mean state, ddq = (dq[k+1] - dq[k]) / dt.
+
+    A row's time is the middle of its interval. Jerk is the central difference of ddq. T samples bound T - 1 intervals;
+    the first and the last of these have no neighbour on one side and are dropped.
+    """
+    if "dq" not in trajectory:
+        raise InputError(f"trajectory {trajectory.name}: method 'zoh' needs dq; choose another differentiate.method")
+    q, dq = trajectory["q"], trajectory["dq"]
+    ddq = np.diff(dq, axis=0) / dt
+    out = Trajectory(
+        trajectory.name,
+        trajectory.split,
+        (trajectory.time[:-1] + dt / 2)[1:-1],
+        {
+            "q": ((q[:-1] + q[1:]) / 2)[1:-1],
+            "dq": ((dq[:-1] + dq[1:]) / 2)[1:-1],
+            "ddq": ddq[1:-1],
+            "dddq": (ddq[2:] - ddq[:-2]) / (2 * dt),
+            "tau": trajectory["tau"][1:-2],
+        },
+    )
+    report = {"method": ZOH, "dt": dt, "source": "dq", "trim_rows": [1, 2], "trim_s": [dt, 2 * dt]}
+    return out, {**report, "torque_filter": "none: torque is held over each interval"}
+
+
+def choose_cutoff(spectra: list[Spectrum], dt: float, order: int, derivative: int) -> float:
+    """Cut-off [Hz] that minimises the estimated error of the ``derivative``-th derivative, summed over the joints.
+
+    Each joint's risk is divided by the variance of that derivative, so a joint that moves little counts as much. One
+    cut-off serves all joints: torque of one joint depends on the motion of all.
+    """
+    top = 0.45 / dt
+    cutoffs = np.geomspace(min(2 * spectra[0].frequency[1], top / 2), top, 120)
+    total = np.zeros(len(cutoffs))
+    for spectrum in spectra:
+        scale = spectrum.signal_variance(derivative)
+        if scale <= 0:
+            continue
+        for i, cutoff in enumerate(cutoffs):
+            total[i] += (
+                spectrum.risk(partial(butterworth.response, cutoff_hz=cutoff, dt=dt, order=order), derivative) / scale
+            )
+    return float(cutoffs[np.argmin(total)])
+
+
+def _butterworth(
+    trajectory: Trajectory, dt: float, settings: DifferentiateSettings
+) -> tuple[Trajectory, dict[str, Any]]:
+    """Every column through the same zero-phase low-pass (parallel filtering), derivatives by central differences."""
+    source = "dq" if "dq" in trajectory else "q"
+    measured = trajectory[source]
+    spectra = [estimate_spectrum(measured[:, j], dt) for j in range(trajectory.n_joints)]
+    cutoff, order = settings.cutoff_hz, settings.order
+    if cutoff == 0:
+        cutoff = choose_cutoff(spectra, dt, order, TARGET_DERIVATIVE - (source == "dq"))
+    q = butterworth.lowpass(trajectory["q"], dt, cutoff, order)
+    dq = butterworth.lowpass(measured, dt, cutoff, order) if source == "dq" else central_difference(q, dt)
+    ddq = central_difference(dq, dt)
+    dddq = central_difference(ddq, dt)
+    tau = butterworth.lowpass(trajectory["tau"], dt, cutoff, order)
+    trim = butterworth.transient_samples(cutoff, dt) if settings.trim_s < 0 else round(settings.trim_s / dt)
+    if len(q) - 2 * trim < MIN_ROWS:
+        raise InputError(
+            f"trajectory {trajectory.name}: {len(q)} rows leave too few after {trim} are trimmed at each end; give a "
+            "longer run, or set differentiate.trim_s or a higher differentiate.cutoff_hz"
+        )
+    signals = {"q": q, "dq": dq, "ddq": ddq, "dddq": dddq, "tau": tau}
+    out = Trajectory(trajectory.name, trajectory.split, trajectory.time, signals).rows(slice(trim, len(q) - trim))
+    report = {
+        "method": settings.method,
+        "dt": dt,
+        "source": source,
+        "cutoff_hz": cutoff,
+        "order": order,
+        "noise_std": [s.noise_std for s in spectra],
+        "bandwidth_hz": [s.bandwidth for s in spectra],
+        "trim_rows": [trim, trim],
+        "trim_s": [trim * dt, trim * dt],
+        "torque_filter": f"zero-phase Butterworth, order {order}, {cutoff:.3g} Hz",
+    }
+    return out, report
