@@ -1,0 +1,98 @@
+"""What a simulated joint feels beyond the rigid body, as torques the drive must ADD (vectorised over rollouts).
+
+Three kinds, because each needs its own integration:
+
+- ``damping``: viscous coefficients; taken at the middle of the sub-step, so stiff damping stays stable;
+- ``dry``: the size of Coulomb-like friction; solved as true sticking (see :mod:`.friction`), never as ``sign(dq)``;
+- ``torque``: anything else (springs, ripple, contact, coupling); explicit at the beginning of the sub-step.
+
+Changes of inertia, armature or gravity are not forces: pass another ``Robot`` to the simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: ``torque(q, dq, time) -> (R, n)`` [N m] with q, dq (R, n) [rad, rad/s] and time [s].
+TorqueLaw = Callable[[Array, Array, float], Array]
+#: ``dry(q, dq, load, time) -> (backward, forward)``: friction torques >= 0, (n,) or (R, n) [N m], for dq < 0 and
+#: dq > 0; ``load`` (R, n) is the rigid-body torque of the joint [N m].
+DryLaw = Callable[[Array, Array, Array, float], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class JointEffects:
+    """Effects acting on the joints; ``damping`` (n,) [N m s/rad]. Several laws of a kind add up."""
+
+    damping: Array | None = None
+    dry: tuple[DryLaw, ...] = ()
+    torque: tuple[TorqueLaw, ...] = ()
+
+    def __add__(self, other: JointEffects) -> JointEffects:
+        parts = [d for d in (self.damping, other.damping) if d is not None]
+        damping = np.sum(parts, axis=0) if parts else None
+        return JointEffects(damping, self.dry + other.dry, self.torque + other.torque)
+
+    def dry_bounds(self, q: Array, dq: Array, load: Array, time: float) -> tuple[Array, Array]:
+        """Total dry friction (backward, forward), each (R, n) [N m], never negative."""
+        backward, forward = np.zeros_like(q), np.zeros_like(q)
+        for law in self.dry:
+            low, high = law(q, dq, load, time)
+            backward += low
+            forward += high
+        return np.maximum(backward, 0.0), np.maximum(forward, 0.0)
+
+    def extra_torque(self, q: Array, dq: Array, time: float) -> Array:
+        """Sum of the ``torque`` laws, (R, n) [N m]."""
+        total = np.zeros_like(q)
+        for law in self.torque:
+            total += law(q, dq, time)
+        return total
+
+
+def viscous(coefficients: Sequence[float] | Array) -> JointEffects:
+    """Fv dq [N m s/rad]."""
+    return JointEffects(damping=np.asarray(coefficients, float))
+
+
+def coulomb(forward: Sequence[float] | Array, backward: Sequence[float] | Array | None = None) -> JointEffects:
+    """Fc sign(dq) [N m]; with ``backward`` another level for dq < 0."""
+    up = np.asarray(forward, float)
+    down = up if backward is None else np.asarray(backward, float)
+    return JointEffects(dry=(lambda q, dq, load, time: (down, up),))
+
+
+def stribeck(
+    coulomb_torque: Sequence[float] | Array, static_torque: Sequence[float] | Array, velocity: float | Array
+) -> JointEffects:
+    """(Fc + (Fs - Fc) exp(-(dq/vs)^2)) sign(dq)."""
+    fc, fs = np.asarray(coulomb_torque, float), np.asarray(static_torque, float)
+
+    def law(q: Array, dq: Array, load: Array, time: float) -> tuple[Array, Array]:
+        level = fc + (fs - fc) * np.exp(-((dq / velocity) ** 2))
+        return level, level
+
+    return JointEffects(dry=(law,))
+
+
+def load_dependent(coefficients: Sequence[float] | Array) -> JointEffects:
+    """mu |tau_load| sign(dq), tau_load the rigid-body torque of the joint."""
+    mu = np.asarray(coefficients, float)
+
+    def law(q: Array, dq: Array, load: Array, time: float) -> tuple[Array, Array]:
+        level = mu * np.abs(load)
+        return level, level
+
+    return JointEffects(dry=(law,))
+
+
+def offset(torque: Sequence[float] | Array) -> JointEffects:
+    """A constant torque b [N m]."""
+    b = np.asarray(torque, float)
+    return JointEffects(torque=(lambda q, dq, time: b,))
