@@ -1,0 +1,134 @@
+"""Base parameters: which combinations of inertial parameters a torque measurement can determine at all.
+
+The rigid-body torque is linear in the inertial parameters, ``tau = Y(q, dq, ddq) pi``, but the columns of Y are
+linearly dependent for every motion (Gautier and Khalil, IEEE T-RA 6(3), 1990; numerically by QR: Gautier, ICRA
+1990). The columns are read in the order xx xy xz yy yz zz, first moments, mass, rotor inertia, link by link from the
+base; a column that the earlier ones span is grouped into them. On a planar arm this gives the textbook's grouping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+#: Columns below this share of their own length beside the earlier ones count as dependent (unit columns). Dependent
+#: columns come out near 1e-15 and independent ones above 1e-3 on the robots in use.
+RANK_TOLERANCE = 1e-8
+#: Names of Pinocchio's ten parameters of a link, in its order (mass, first moments, inertia about the joint origin).
+LINK_PARAMETERS = ("m", "lx", "ly", "lz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
+UNITS = {"m": "kg", "l": "kg m", "L": "kg m^2", "I": "kg m^2"}
+#: The order in which columns are kept: positions in LINK_PARAMETERS.
+_READING_ORDER = (4, 5, 7, 6, 8, 9, 1, 2, 3, 0)
+_SAMPLES_PER_PARAMETER = 8
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """Grouping of the 11 n full parameters ``[pi (10 n), Ia (n)]`` of a robot into p base parameters.
+
+    ``names`` (11 n) of the full parameters; ``independent`` (p,) the columns kept; ``grouping`` (p, 11 n) with
+    ``base = grouping @ full`` and ``Y_full = Y_full[:, independent] @ grouping``; ``rank_gap`` the relative sizes of
+    the smallest column kept and of the largest one dropped.
+    """
+
+    names: tuple[str, ...]
+    independent: NDArray[np.intp]
+    grouping: Array
+    rank_gap: tuple[float, float]
+
+    @property
+    def size(self) -> int:
+        return len(self.independent)
+
+    @property
+    def base_names(self) -> tuple[str, ...]:
+        """Short names (p,): the leading parameter of each group."""
+        return tuple(self.names[i] for i in self.independent)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return tuple(UNITS[name[0]] for name in self.base_names)
+
+    @property
+    def expressions(self) -> tuple[str, ...]:
+        """Readable groups (p,), for example ``Lyy1 + 0.25 m2 + Ia1`` (lengths in m)."""
+        return tuple(self._expression(row, lead) for row, lead in zip(self.grouping, self.independent, strict=True))
+
+    def _expression(self, row: Array, lead: np.intp) -> str:
+        order = [int(lead)] + [i for i in np.flatnonzero(row) if i != lead]
+        text = ""
+        for i in order:
+            size = f"{abs(row[i]):.4g}"
+            sign = "-" if row[i] < 0 else "+"
+            text += f" {sign} " + (self.names[i] if size == "1" else f"{size} {self.names[i]}")
+        return text[3:] if text.startswith(" + ") else text.strip()
+
+    def table_rows(self) -> list[dict[str, str]]:
+        """Rows ``parameter, expression, unit`` of a table that shows the grouping."""
+        return [
+            {"parameter": name, "expression": expression, "unit": unit}
+            for name, expression, unit in zip(self.base_names, self.expressions, self.units, strict=True)
+        ]
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Full parameters that no motion of this robot can show."""
+        return tuple(name for name, column in zip(self.names, self.grouping.T, strict=True) if not column.any())
+
+
+def full_parameter_names(n_joints: int) -> tuple[str, ...]:
+    """Names of ``[pi, Ia]``: ``m1 lx1 ... Lzz1 m2 ... Ia1 ... Ian`` (numbered from 1)."""
+    links = [f"{name}{j}" for j in range(1, n_joints + 1) for name in LINK_PARAMETERS]
+    return tuple(links + [f"Ia{j}" for j in range(1, n_joints + 1)])
+
+
+def full_regressor(robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
+    """``[Y, diag(ddq)]`` (T, n, 11 n): Pinocchio's inertial regressor and the rotor inertias."""
+    n = robot.n_joints
+    inertial = robot.regressor(q, dq, ddq)
+    rotor = np.zeros((len(inertial), n, n))
+    rotor[:, np.arange(n), np.arange(n)] = np.atleast_2d(ddq)
+    return np.concatenate([inertial, rotor], axis=2)
+
+
+def base_parameters(robot: Robot, seed: int = 0, tolerance: float = RANK_TOLERANCE) -> BaseParameters:
+    """Group the parameters of ``robot`` from its regressor at random states (deterministic in ``seed``).
+
+    Raises :class:`InputError` where the numerical rank is not clear (QR and singular values disagree).
+    """
+    n = robot.n_joints
+    rng = np.random.default_rng(seed)
+    samples = _SAMPLES_PER_PARAMETER * 11 * n
+    q = rng.uniform(-np.pi, np.pi, (samples, n))
+    dq, ddq = rng.uniform(-2, 2, (2, samples, n))
+    regressor = full_regressor(robot, q, dq, ddq).reshape(samples * n, 11 * n)
+
+    length = np.linalg.norm(regressor, axis=0)
+    alive = length > tolerance * length.max()
+    scaled = regressor / np.where(alive, length, 1.0)
+    order = np.array([10 * j + k for j in range(n) for k in _READING_ORDER] + [10 * n + j for j in range(n)])
+    order = order[alive[order]]
+    diagonal = np.abs(np.diag(scipy.linalg.qr(scaled[:, order], mode="r")[0][: len(order)]))
+    kept = diagonal > tolerance
+    rank = int(np.linalg.matrix_rank(scaled[:, order], tol=tolerance * np.sqrt(len(order))))
+    if rank != kept.sum():
+        raise InputError(
+            f"robot {robot.name}: base parameters are not clear, QR finds {kept.sum()} and singular values {rank} at "
+            f"tolerance {tolerance}; consider another tolerance between 1e-10 and 1e-4"
+        )
+    independent = np.sort(order[kept])
+    grouping = np.linalg.lstsq(scaled[:, independent], regressor, rcond=None)[0] / length[independent, None]
+    # What is left is rounding: coefficients are products of lengths [m] and sines of fixed angles.
+    grouping[np.abs(grouping) < 1e-7] = 0.0
+    grouping[:, ~alive] = 0.0
+    grouping[:, independent] = np.eye(len(independent))
+    gap = (float(diagonal[kept].min()), float(diagonal[~kept].max(initial=0.0)))
+    return BaseParameters(full_parameter_names(n), independent, grouping, gap)
