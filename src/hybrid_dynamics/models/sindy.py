@@ -1,0 +1,170 @@
+"""SINDy: a sparse polynomial of the features, found by PySINDy's STLSQ on a triangular factor in bounded memory.
+
+With Theta the library (N, p) and Y the torque (N, n), the QR factorisation [Theta Y] = Q R lets
+``|Theta w - y| = |R_theta w - R_y|`` for every w, so STLSQ (ridge steps and the unbiased last fit) sees the same problem
+in p + n rows. R is accumulated chunk by chunk; the library never stands in memory as a whole.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+from pysindy.feature_library import PolynomialLibrary
+from pysindy.optimizers import STLSQ
+from scipy.linalg import lapack
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.exceptions import ConvergenceWarning
+
+from hybrid_dynamics.errors import InputError, require
+from hybrid_dynamics.models.base import check_data, check_features, feature_names
+
+Array = NDArray[np.float64]
+
+#: Columns that vary less than this are not scaled.
+_SMALLEST_STD = 1e-9
+
+
+@dataclass(frozen=True)
+class SindySettings:
+    """The paper's settings by default (Section "Methods compared").
+
+    ``scaled`` divides every library column and the target by its standard deviation before thresholding; then
+    ``threshold`` is a share of the target's standard deviation (1e-3 finds the true terms) and not a number in mixed units.
+    """
+
+    degree: int = 2
+    threshold: float = 0.01
+    alpha: float = 1e-4
+    max_iter: int = 100
+    scaled: bool = False
+    chunk_rows: int = 12_000
+
+    def __post_init__(self) -> None:
+        require(1 <= self.degree <= 4, f"sindy.degree is {self.degree}; expected 1 to 4")
+        require(0 <= self.threshold < np.inf, f"sindy.threshold is {self.threshold}; expected a number of 0 or more")
+        require(0 <= self.alpha < np.inf, f"sindy.alpha is {self.alpha}; expected a number of 0 or more")
+        require(self.max_iter >= 1, f"sindy.max_iter is {self.max_iter}; expected 1 or more")
+        require(self.chunk_rows >= 1, f"sindy.chunk_rows is {self.chunk_rows}; expected 1 or more")
+
+
+def triangular_factor(X: Array, y: Array, library: Callable[[Array], Array], width: int, chunk_rows: int) -> Array:
+    """R of the QR factorisation of [library(X) y], (width + n, width + n), ``chunk_rows`` samples at a time.
+
+    Each step factorises the R so far stacked on the next chunk: [R; A_k] = Q_k R'.
+    """
+    columns = width + y.shape[1]
+    rows = min(chunk_rows, len(X))
+    work = np.zeros((columns + rows, columns), order="F")
+    size = int(lapack.dgeqrf_lwork(*work.shape)[0])
+    lower = np.tril_indices(columns, -1)
+    for start in range(0, len(X), rows):
+        chunk = slice(start, start + rows)
+        count = len(X[chunk])
+        work[columns : columns + count, :width] = library(X[chunk])
+        work[columns : columns + count, width:] = y[chunk]
+        work[columns + count :] = 0.0
+        work, _, _, info = lapack.dgeqrf(work, lwork=size, overwrite_a=1)
+        if info != 0:
+            raise InputError(f"SINDy: the factorisation failed at sample {start + 1} (LAPACK {info}); check the data")
+        work[lower] = 0.0
+    return np.ascontiguousarray(work[:columns])
+
+
+class SindyEstimator(RegressorMixin, BaseEstimator):
+    """Sparse polynomial torque model of all joints.
+
+    Learned: ``coef_`` (n, p) in physical units, ``powers_`` (p, 7n) exponents of the library terms, ``names_``.
+    """
+
+    def __init__(self, settings: SindySettings | None = None) -> None:
+        self.settings = settings
+
+    def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self:
+        """Fit to ``X`` (N, 7n) and ``y`` (N, n) [N m]; ``variance`` is not needed here."""
+        X, y = check_data(X, y)
+        settings = self.settings or SindySettings()
+        self.n_joints_ = y.shape[1]
+        self.names_ = feature_names(self.n_joints_)
+        library = PolynomialLibrary(degree=settings.degree).fit(X[:1])
+        self._set_powers(np.asarray(library.powers_))
+        width = len(self.powers_)
+        factor = triangular_factor(X, y, lambda chunk: np.asarray(library.transform(chunk)), width, settings.chunk_rows)
+        theta, target = factor[:, :width], factor[:, width:]
+        columns, torque = np.ones(width), np.ones(self.n_joints_)
+        if settings.scaled:
+            # The first column is the constant: the rows of R below the first hold what varies about the mean.
+            spread = np.linalg.norm(factor[1:], axis=0) / np.sqrt(len(X))
+            spread[spread < _SMALLEST_STD] = 1.0
+            columns, torque = spread[:width], spread[width:]
+        optimizer = STLSQ(
+            threshold=settings.threshold,
+            alpha=settings.alpha,
+            max_iter=settings.max_iter,
+            # Only the first iterate's support counts, and it is the whole library; this saves a least-squares fit.
+            initial_guess=np.zeros((self.n_joints_, width)),
+        )
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            optimizer.fit(theta / columns, target / torque)
+        self.converged_ = not any(issubclass(w.category, ConvergenceWarning) for w in caught)
+        self.coef_ = np.asarray(optimizer.coef_) * torque[:, None] / columns
+        self._activate()
+        return self
+
+    def _set_powers(self, powers: NDArray[np.int64]) -> None:
+        self.powers_ = powers
+        degree = int(powers.sum(axis=1).max())
+        # Factors of each term as column numbers; the column after the last holds ones.
+        self._factors = np.full((len(powers), degree), powers.shape[1])
+        for term, exponents in enumerate(powers):
+            used = np.repeat(np.arange(len(exponents)), exponents)
+            self._factors[term, : len(used)] = used
+
+    def _activate(self) -> None:
+        self._active = np.flatnonzero(np.any(self.coef_ != 0, axis=0))
+
+    def predict(self, X: Array) -> Array:
+        """(N, n) [N m]; only the library columns in use are computed, in chunks."""
+        X = check_features(X, self.n_joints_)
+        out = np.zeros((len(X), self.n_joints_))
+        if not len(self._active):
+            return out
+        coefficients = np.ascontiguousarray(self.coef_[:, self._active].T)
+        factors = self._factors[self._active]
+        rows = (self.settings or SindySettings()).chunk_rows
+        for start in range(0, len(X), rows):
+            chunk = slice(start, start + rows)
+            extended = np.column_stack([X[chunk], np.ones(len(X[chunk]))])
+            terms = extended[:, factors[:, 0]]
+            for k in range(1, factors.shape[1]):
+                terms *= extended[:, factors[:, k]]
+            out[chunk] = terms @ coefficients
+        return out
+
+    def term_names(self) -> list[str]:
+        """SymPy-readable name of each library term: ``1``, ``q1``, ``q1*dq2``, ``q1**2``."""
+        return [term_name(exponents, self.names_) for exponents in self.powers_]
+
+    def expressions(self) -> list[sp.Expr]:
+        """One polynomial per joint, over symbols named as the features."""
+        symbols = [sp.Symbol(name) for name in self.names_]
+        out = []
+        for row in self.coef_:
+            terms = []
+            for k in np.flatnonzero(row):
+                factors = [symbols[i] ** int(e) for i, e in enumerate(self.powers_[k]) if e]
+                terms.append(sp.Mul(sp.Float(row[k]), *factors))
+            out.append(sp.Add(*terms))
+        return out
+
+
+def term_name(exponents: NDArray[np.int64], names: tuple[str, ...]) -> str:
+    """``q1*dq2**2`` for the exponents of one monomial, ``1`` for the constant."""
+    parts = [names[i] if e == 1 else f"{names[i]}**{e}" for i, e in enumerate(exponents) if e]
+    return "*".join(parts) or "1"
