@@ -1,0 +1,17 @@
+"""File formats to :class:`~hybrid_dynamics.trajectory.Trajectory`: recordings of known robots and users' logs."""
+
+from hybrid_dynamics.readers.resample import ResampleSettings, resample
+from hybrid_dynamics.readers.table import read_table, write_log
+from hybrid_dynamics.readers.ur10e import Ur10eSettings, read_ur10e
+from hybrid_dynamics.readers.wam import read_wam, read_wam_reference
+
+__all__ = [
+    "ResampleSettings",
+    "Ur10eSettings",
+    "read_table",
+    "read_ur10e",
+    "read_wam",
+    "read_wam_reference",
+    "resample",
+    "write_log",
+]
