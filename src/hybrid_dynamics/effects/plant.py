@@ -1,0 +1,39 @@
+"""Effects entering dynamics: the inverse of finding them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Effect, StateTorque, family
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+def plant(robot: Robot, effects: Iterable[Effect]) -> tuple[Robot, StateTorque]:
+    """The robot with ``effects``: a changed copy, and the torque its drives must add.
+
+    The second is a function of joint states ``(q, dq)``, both (T, n), giving (T, n) [N m]: under drive torque tau the
+    changed robot accelerates as if it were given ``tau - torque(q, dq)``.
+    """
+    changed = robot.copy()
+    added: list[tuple[int, Effect]] = []
+    for effect in effects:
+        kind = family(effect.effect)
+        kind.change(changed, effect)
+        joint = effect.joint_index(robot)
+        if joint is not None and kind.torque(effect, np.zeros(1), np.zeros(1)) is not None:
+            added.append((joint, effect))
+
+    def torque(q: Array, dq: Array) -> Array:
+        out = np.zeros_like(dq)
+        for joint, effect in added:
+            part = family(effect.effect).torque(effect, q[:, joint], dq[:, joint])
+            assert part is not None
+            out[:, joint] += part
+        return out
+
+    return changed, torque

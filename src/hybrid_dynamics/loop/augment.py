@@ -1,0 +1,172 @@
+"""Add an effect, re-fit everything jointly, drop what is no longer needed, until nothing is left to name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Effect, Slot
+from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.trace import Candidate, Judge, rank, same_place
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One change of the model: ``action`` is add, drop, replace or stop; ``slots`` the model's after it."""
+
+    action: str
+    slot: Slot | None
+    slots: tuple[Slot, ...]
+    table: tuple[Candidate, ...]
+    held_out: tuple[float, ...]
+
+
+def effects_of(evidence: Evidence, slots: Sequence[Slot], x: Array, covariance: Array | None = None) -> list[Effect]:
+    """Coordinates ``x`` as effects with published parameters and their standard errors."""
+    layout = evidence.layout(slots)
+    names = evidence.robot.joint_names
+    out = []
+    for slot, start in zip(layout.slots, layout.starts, strict=True):
+        kind = slot.family()
+        own = slice(start, start + kind.size)
+        errors: dict[str, float] = {}
+        if covariance is not None:
+            jacobian = kind.jacobian(x[own], evidence.robot, slot)
+            variance = np.einsum("ij,jk,ik->i", jacobian, covariance[own, own], jacobian)
+            errors = {
+                p.name: float(np.sqrt(max(v, 0.0))) for p, v in zip(kind.parameters, variance, strict=True)
+            }
+        joints = () if slot.joint is None else (names[slot.joint],)
+        values = kind.parameters_of(x[own], evidence.robot, slot)
+        out.append(Effect(slot.effect, joints, values, dict(slot.settings), errors))
+    return out
+
+
+def refit(evidence: Evidence, slots: Sequence[Slot], rounds: int = 3) -> Array:
+    """Absolute Gauss-Newton re-fit of all coordinates; one round where everything is linear."""
+    x = evidence.fit(slots)
+    if any(s.family().nonlinear for s in slots):
+        for _ in range(rounds):
+            evidence.relinearise(effects_of(evidence, slots, x), slots, x)
+            x = evidence.fit(slots)
+    return x
+
+
+def search(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None]) -> list[Step]:
+    """Stepwise search, forward and backward, with replacements; returns the steps taken."""
+    evidence, settings = judge.evidence, judge.settings
+    current: list[Slot] = []
+    steps: list[Step] = []
+    seen: set[frozenset[Slot]] = {frozenset()}
+
+    def record(action: str, slot: Slot | None, table: Sequence[Candidate] = ()) -> None:
+        rms = np.sqrt(judge.mean_square(evidence.held_out(current, physical=True)))
+        steps.append(Step(action, slot, tuple(current), tuple(table), tuple(float(v) for v in rms)))
+        report(steps[-1])
+
+    while len(current) < settings.max_effects:
+        before = evidence.held_out(current, physical=True)
+        table = rank(judge, current, candidates, before)
+        choice = next((c for c in table if c.accepted and frozenset([*current, c.slot]) not in seen), None)
+        if choice is None:
+            replaced = _replace(judge, current, candidates, before, seen)
+            if replaced is None:
+                record("stop", None, table)
+                break
+            current[:] = replaced
+            seen.add(frozenset(current))
+            refit(evidence, current)
+            record("replace", None, table)
+        else:
+            current.append(choice.slot)
+            seen.add(frozenset(current))
+            refit(evidence, current)
+            record("add", choice.slot, table)
+        current[:] = _settings(judge, current, candidates)
+        while (useless := _useless(judge, current)) is not None:
+            current.remove(useless)
+            seen.add(frozenset(current))
+            refit(evidence, current)
+            record("drop", useless)
+    return steps
+
+
+def _settings(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
+    """Choose again among the settings of each effect (the width of a sign, say)."""
+    best = list(current)
+    score = float(judge.score(judge.evidence.held_out(best)).sum())
+    for i, slot in enumerate(current):
+        for other in candidates:
+            if other != slot and same_place(other, slot):
+                trial = [*best[:i], other, *best[i + 1 :]]
+                value = float(judge.score(judge.evidence.held_out(trial)).sum())
+                if value < score:
+                    best, score = trial, value
+    return best
+
+
+def _useless(judge: Judge, current: Sequence[Slot]) -> Slot | None:
+    """The effect that others explain by now, if any: without it held-out error hardly grows."""
+    if len(current) < 2:
+        return None
+    evidence, settings = judge.evidence, judge.settings
+    full = evidence.held_out(current)
+    worst: tuple[float, Slot] | None = None
+    for slot in current:
+        rest = [s for s in current if s != slot]
+        errors = evidence.held_out(rest)
+        difference = judge.score(errors) - judge.score(full)
+        loss = float(difference.sum())
+        joint_loss = judge.mean_square(errors) - judge.mean_square(full)
+        certain = loss > judge.standard_error(difference)
+        if (not certain or not judge.matters(slot, joint_loss, settings.keep_share)) and (
+            worst is None or loss < worst[0]
+        ):
+            worst = (loss, slot)
+    return None if worst is None else worst[1]
+
+
+def _replace(
+    judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Array, seen: set[frozenset[Slot]]
+) -> list[Slot] | None:
+    """One or two effects replaced by another candidate: surely better, or as good and simpler."""
+    evidence = judge.evidence
+    base = judge.score(before)
+    groups = [(s,) for s in current]
+    if len(current) <= 8:
+        groups += [(a, b) for i, a in enumerate(current) for b in current[i + 1 :]]
+    best: tuple[float, list[Slot]] | None = None
+    for group in groups:
+        rest = [s for s in current if s not in group]
+        size = sum(s.family().size for s in group)
+        for slot in candidates:
+            if any(same_place(slot, s) for s in current):
+                continue
+            trial = [*rest, slot]
+            if frozenset(trial) in seen:
+                continue
+            errors = evidence.held_out(trial)
+            difference = judge.score(errors) - base
+            loss, error = float(difference.sum()), judge.standard_error(difference)
+            simpler = slot.family().size < size
+            if loss < -judge.settings.gain_in_errors * error or (simpler and loss <= error):
+                if slot.family().inertial_offset(evidence.robot, slot) is not None:
+                    difference = judge.score(evidence.held_out(trial, physical=True)) - base
+                    loss, error = float(difference.sum()), judge.standard_error(difference)
+                    if not (loss < -judge.settings.gain_in_errors * error or (simpler and loss <= error)):
+                        continue
+                if best is None or loss < best[0]:
+                    best = (loss, trial)
+    return None if best is None else best[1]
+
+
+def model_of(evidence: Evidence, slots: Sequence[Slot]) -> Model:
+    """The completed model: the start and the effects of ``slots`` fitted on all training rows."""
+    x = refit(evidence, slots)
+    return evidence.base.adding(effects_of(evidence, slots, x, evidence.covariance(slots, x)))

@@ -1,0 +1,113 @@
+"""The model that is being completed: a rigid body and an ordered list of effects. Saved as ``model.json``."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Effect, StateTorque, family, plant
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.files import write_json
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Model:
+    """Rigid body plus effects. ``predict`` takes states (T, n) and returns torque (T, n) [N m]."""
+
+    robot: Robot
+    effects: tuple[Effect, ...] = ()
+
+    @cached_property
+    def _planted(self) -> tuple[Robot, StateTorque]:
+        return plant(self.robot, self.effects)
+
+    @property
+    def completed_robot(self) -> Robot:
+        """The rigid body with all effects that are part of it (inertia, rotor, gravity)."""
+        return self._planted[0]
+
+    def predict(self, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> Array:
+        """Drive torque (T, n) [N m] for whole trajectories; ``time`` (T,) [s] serves effects that depend on it."""
+        robot, torque = self._planted
+        return robot.inverse_dynamics(q, dq, ddq) + torque(np.asarray(q, float), np.asarray(dq, float))
+
+    def adding(self, effects: Iterable[Effect]) -> Model:
+        """A model with ``effects`` appended."""
+        return Model(self.robot, (*self.effects, *effects))
+
+
+def effect_to_json(effect: Effect) -> dict[str, Any]:
+    """One entry of ``effects`` in model.json and diagnosis.json."""
+    kind = family(effect.effect)
+    joint = effect.joints[0] if effect.joints else None
+    return {
+        "effect": effect.effect,
+        "joints": list(effect.joints),
+        "settings": dict(effect.settings),
+        "parameters": [
+            {
+                "name": p.name,
+                "joint": joint,
+                "value": float(effect.parameters[p.name]),
+                "std_error": None if p.name not in effect.std_errors else float(effect.std_errors[p.name]),
+                "unit": p.unit,
+            }
+            for p in kind.parameters
+        ],
+    }
+
+
+def effect_from_json(entry: Mapping[str, Any]) -> Effect:
+    """Inverse of :func:`effect_to_json`."""
+    values = {p["name"]: float(p["value"]) for p in entry["parameters"]}
+    errors = {p["name"]: float(p["std_error"]) for p in entry["parameters"] if p["std_error"] is not None}
+    return Effect(entry["effect"], tuple(entry["joints"]), values, dict(entry["settings"]), errors)
+
+
+def load_schema(name: str) -> dict[str, Any]:
+    """A JSON schema shipped beside this module."""
+    return dict(json.loads(files("hybrid_dynamics.loop").joinpath(f"{name}.schema.json").read_text(encoding="utf-8")))
+
+
+def save_model(path: str | os.PathLike[str], model: Model) -> None:
+    """Write ``model.json``: names and numbers only."""
+    value = {
+        "schema": 1,
+        "robot": model.robot.name,
+        "joints": list(model.robot.joint_names),
+        "effects": [effect_to_json(e) for e in model.effects],
+    }
+    jsonschema.validate(value, load_schema("model"))
+    write_json(path, value)
+
+
+def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
+    """Read ``model.json`` for ``robot``; :class:`InputError` says what does not fit."""
+    try:
+        value = json.loads(Path(path).read_text(encoding="utf-8"))
+        jsonschema.validate(value, load_schema("model"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such model file; give the model.json that close-loop wrote") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid JSON ({error}); give the model.json that close-loop wrote") from None
+    except jsonschema.ValidationError as error:
+        where = "/".join(str(p) for p in error.absolute_path) or "top level"
+        raise InputError(f"{path}: {where}: {error.message}; give the model.json that close-loop wrote") from None
+    if tuple(value["joints"]) != robot.joint_names:
+        raise InputError(
+            f"{path}: made for joints {', '.join(value['joints'])}; the robot has {', '.join(robot.joint_names)}"
+        )
+    return Model(robot, tuple(effect_from_json(e) for e in value["effects"]))

@@ -1,0 +1,124 @@
+"""Least squares in normal-equation form under physical constraints: lower bounds and bodies that can exist.
+
+Minimises x'Ax/2 - b'x. Without an active constraint this is one linear solve; otherwise a barrier method (convex, since
+the pseudo-inertia of a body is linear in its parameters: Sousa and Cortesao, IJRR 2014; Wensing et al., RA-L 2018).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.inertia import pseudo_inertia_basis
+
+Array = NDArray[np.float64]
+
+_BASIS = pseudo_inertia_basis()
+#: A small solid body (kg, kg m^2) that makes the starting point strictly feasible.
+_SEED = np.array([0.1, 0.0, 0.0, 0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3])
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """``lower`` (K,) bounds; ``bodies``: first index of ten coordinates and the inertia (10,) they are added to."""
+
+    lower: Array
+    bodies: tuple[tuple[int, Array], ...] = ()
+
+    def satisfied(self, x: Array) -> bool:
+        """True where ``x`` meets all of them."""
+        if np.any(x < self.lower):
+            return False
+        return all(
+            np.linalg.eigvalsh(np.einsum("k,kij->ij", offset + x[i : i + 10], _BASIS))[0] > 0
+            for i, offset in self.bodies
+        )
+
+
+def solve_free(a: Array, b: Array) -> Array:
+    """Unconstrained minimiser, columns scaled to unit diagonal."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+    scaled = a * scale[:, None] * scale[None, :]
+    try:
+        return np.asarray(scale * np.linalg.solve(scaled, b * scale))
+    except np.linalg.LinAlgError:
+        return np.asarray(scale * np.linalg.lstsq(scaled, b * scale, rcond=1e-12)[0])
+
+
+def solve_bounded(a: Array, b: Array, lower: Array) -> Array:
+    """Minimiser under ``lower`` bounds, by fixing what violates them and releasing what would leave them."""
+    x = solve_free(a, b)
+    fixed = np.zeros(len(b), bool)
+    for _ in range(3 * len(b)):
+        bad = ~fixed & (x < lower - 1e-12)
+        if not bad.any():
+            gradient = a @ x - b
+            release = fixed & (gradient < -1e-9 * np.maximum(np.abs(b), 1e-12))
+            if not release.any():
+                break
+            fixed[np.argmin(np.where(release, gradient, np.inf))] = False
+        fixed |= bad
+        x = np.where(fixed, lower, 0.0)
+        free = ~fixed
+        if free.any():
+            x[free] = solve_free(a[np.ix_(free, free)], b[free] - a[np.ix_(free, fixed)] @ x[fixed])
+    return x
+
+
+def solve(a: Array, b: Array, constraints: Constraints) -> Array:
+    """Minimiser under all ``constraints``; exact where none of the bodies is active, else within a small barrier."""
+    x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
+    if not constraints.bodies or constraints.satisfied(np.maximum(x, constraints.lower)):
+        return x
+    return _barrier(a, b, constraints)
+
+
+def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
+    bounded = np.flatnonzero(np.isfinite(constraints.lower))
+    lower = constraints.lower[bounded]
+    x = np.zeros(len(b))
+    x[bounded] = lower + 1e-2
+    for i, _ in constraints.bodies:
+        x[i : i + 10] = _SEED
+
+    def matrices(point: Array) -> list[Array]:
+        return [np.einsum("k,kij->ij", offset + point[i : i + 10], _BASIS) for i, offset in constraints.bodies]
+
+    def value(point: Array, mu: float) -> float:
+        gap = point[bounded] - lower
+        if np.any(gap <= 0):
+            return np.inf
+        total = 0.5 * point @ a @ point - b @ point - mu * np.log(gap).sum()
+        for matrix in matrices(point):
+            try:
+                total -= 2 * mu * np.log(np.diag(np.linalg.cholesky(matrix))).sum()
+            except np.linalg.LinAlgError:
+                return np.inf
+        return float(total)
+
+    mu = 1e4
+    while mu > 1e-3:
+        for _ in range(30):
+            gradient, hessian = a @ x - b, a.copy()
+            gap = x[bounded] - lower
+            gradient[bounded] -= mu / gap
+            hessian[bounded, bounded] += mu / gap**2
+            for (i, _offset), matrix in zip(constraints.bodies, matrices(x), strict=True):
+                inverse = np.linalg.inv(matrix)
+                products = np.einsum("ij,kjl->kil", inverse, _BASIS)
+                gradient[i : i + 10] -= mu * np.einsum("kii->k", products)
+                hessian[i : i + 10, i : i + 10] += mu * np.einsum("kij,lji->kl", products, products)
+            step = -solve_free(hessian, gradient)
+            decrement = -float(gradient @ step)
+            if decrement < 1e-6 * mu:
+                break
+            length, start = 1.0, value(x, mu)
+            while length > 1e-10 and not value(x + length * step, mu) <= start - 1e-4 * length * decrement:
+                length *= 0.5
+            if length <= 1e-10:
+                break
+            x = x + length * step
+        mu *= 0.1
+    return x

@@ -1,0 +1,135 @@
+"""From what the model leaves to the next named cause: candidates compete on held-out runs.
+
+One step ranks all candidate slots by the held-out error of a joint re-fit of the model with that slot. Among those
+within one standard error of the best the simplest wins (Breiman et al. 1984); it is accepted when its gain is certain
+and large enough to matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.settings import LoopSettings
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One row of the evidence table. ``score``: held-out squared error in squared noise floors, per sample.
+
+    ``gain`` and its standard error ``gain_error`` in the same unit; ``joint_gain`` (n,) [N m]^2 per joint.
+    """
+
+    slot: Slot
+    score: float
+    gain: float
+    gain_error: float
+    joint_gain: tuple[float, ...]
+    accepted: bool
+    reason: str
+
+
+def same_place(a: Slot, b: Slot) -> bool:
+    """True where two slots are the same effect on the same joint, whatever their settings."""
+    return a.effect == b.effect and a.joint == b.joint
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Decides what a change of held-out error is worth."""
+
+    evidence: Evidence
+    settings: LoopSettings
+    floor: Array
+    torque_variance: Array
+
+    def score(self, errors: Array) -> Array:
+        """Weighted squared error (blocks,)."""
+        return np.asarray(errors @ self.evidence.weights)
+
+    def mean_square(self, errors: Array) -> Array:
+        """(n,) [N m]^2."""
+        return np.asarray(errors.sum(axis=0) / np.maximum(self.evidence.samples, 1))
+
+    def standard_error(self, difference: Array) -> float:
+        """Standard error of the sum of block-wise differences (blocks,)."""
+        return float(np.sqrt(len(difference) * np.var(difference, ddof=1))) if len(difference) > 1 else 0.0
+
+    def needed(self, slot: Slot) -> int:
+        """On how many joints an effect must show."""
+        if slot.family().scope == "joint":
+            return 1
+        moving = int((self.evidence.samples >= 20).sum())
+        reach = moving if slot.joint is None else min(slot.joint + 1, moving)
+        return max(min(2, reach), 1)
+
+    def matters(self, slot: Slot, joint_gain: Array, share: float) -> bool:
+        """True where the gain (n,) [N m]^2 is of practical size on enough joints."""
+        bar = np.maximum(share * self.floor**2, self.settings.torque_share * self.torque_variance)
+        return int(np.sum(joint_gain > bar)) >= self.needed(slot)
+
+
+def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Array) -> list[Candidate]:
+    """Evidence table of one step, best first. ``before`` (blocks, n): held-out errors of the current slots.
+
+    The fit of inertial candidates is first unconstrained; those that come out on top are judged again with their
+    inertia held physical, so that an impossible body never wins.
+    """
+    evidence, settings = judge.evidence, judge.settings
+    total = float(evidence.samples[evidence.samples >= 20].sum()) or 1.0
+    score_before = judge.score(before)
+    held: dict[Slot, Array] = {}
+    for slot in candidates:
+        if not any(same_place(slot, other) for other in current):
+            held[slot] = evidence.held_out([*current, slot])
+    settled: set[Slot] = {s for s in held if s.family().inertial_offset(evidence.robot, s) is None}
+    order: list[Slot] = []
+    while True:
+        order = sorted(held, key=lambda s: (float(judge.score(held[s]).sum()), s.family().size, _key(s)))
+        top = order[0] if order else None
+        if top is None:
+            return []
+        best = judge.score(held[top])
+        rivals = [
+            s
+            for s in order
+            if float((judge.score(held[s]) - best).sum()) <= judge.standard_error(judge.score(held[s]) - best)
+        ]
+        open_ones = [s for s in rivals if s not in settled]
+        if not open_ones:
+            break
+        held[open_ones[0]] = evidence.held_out([*current, open_ones[0]], physical=True)
+        settled.add(open_ones[0])
+    chosen = min(rivals, key=lambda s: (s.family().size, float(judge.score(held[s]).sum()), _key(s)))
+    table = []
+    for slot in [chosen, *(s for s in order if s != chosen)]:
+        difference = score_before - judge.score(held[slot])
+        gain, error = float(difference.sum()), judge.standard_error(difference)
+        joint_gain = judge.mean_square(before) - judge.mean_square(held[slot])
+        certain = gain > settings.gain_in_errors * error and gain > 0
+        matters = judge.matters(slot, joint_gain, settings.floor_share)
+        accepted = certain and matters
+        reason = "accepted" if accepted else ("too small to matter" if certain else "within uncertainty")
+        table.append(
+            Candidate(
+                slot,
+                float(judge.score(held[slot]).sum()) / total,
+                gain / total,
+                error / total,
+                tuple(float(g) for g in joint_gain),
+                accepted,
+                reason,
+            )
+        )
+    return table
+
+
+def _key(slot: Slot) -> tuple[str, int, str]:
+    return slot.effect, -1 if slot.joint is None else slot.joint, repr(slot.settings)
