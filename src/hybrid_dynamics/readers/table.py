@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import atomic_path
-from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample
+from hybrid_dynamics.readers.resample import Notify, ResampleSettings
 from hybrid_dynamics.trajectory import UNITS, Trajectory
 
 Array = NDArray[np.float64]
@@ -28,17 +28,17 @@ MAX_STEP = 0.5
 SUSPICIOUS_ANGLE = 30.0
 
 
-def read_table(
+def read_raw_table(
     path: str | os.PathLike[str],
     joint_names: Sequence[str],
     name: str | None = None,
     split: str = "train",
     settings: ResampleSettings | None = None,
     notify: Notify | None = None,
-) -> list[Trajectory]:
-    """Read one log of a robot with joints ``joint_names`` as ``q [dq] tau`` on a uniform grid.
+) -> Trajectory:
+    """Read and check one log of a robot with joints ``joint_names``: ``q [dq] tau``, time stamps as recorded.
 
-    A list, because a run with a long gap is split there (see :class:`ResampleSettings`). Raises :class:`InputError`.
+    Raises :class:`InputError` for whatever makes it unusable; ``notify`` is told what looks odd.
     """
     file = Path(path)
     settings = settings or ResampleSettings()
@@ -50,23 +50,17 @@ def read_table(
         raise InputError(f"{file}: {table.num_rows} rows; expected at least {settings.min_rows}: record a longer run")
     time = _column(table, "time", file, first_row)
     _check_time(time, file, first_row)
+    numbers = range(1, len(joint_names) + 1)
     arrays = {
-        signal: np.column_stack([_column(table, f"{signal}{j}", file, first_row) for j in _joints(joint_names)])
+        signal: np.column_stack([_column(table, f"{signal}{j}", file, first_row) for j in numbers])
         for signal in signals
     }
     check_plausible(file, arrays, joint_names, name, tell)
-    trajectory = Trajectory(name, split, time, arrays)
-    parts = resample(trajectory, settings, tell)
-    if not parts:
-        raise InputError(
-            f"{file}: no stretch of {settings.min_rows} rows without a gap longer than {settings.max_gap:g} s; "
-            "record without losing samples"
-        )
-    return parts
+    return Trajectory(name, split, time, arrays)
 
 
 def write_log(path: str | os.PathLike[str], trajectory: Trajectory, joint_names: Sequence[str]) -> None:
-    """Write ``trajectory`` (its stamps as they are) as a Parquet log that :func:`read_table` reads."""
+    """Write ``trajectory`` (its stamps as they are) as a Parquet log that :func:`read_raw_table` reads."""
     columns, fields = [pa.array(trajectory.time)], [pa.field("time", pa.float64(), metadata={"unit": "s"})]
     for signal in ("q", "dq", "tau"):
         if signal not in trajectory:
@@ -100,10 +94,6 @@ def check_plausible(
     for j in np.flatnonzero((np.abs(arrays["q"]).max(axis=0) > SUSPICIOUS_ANGLE) & ~wraps).tolist():
         largest = np.abs(arrays["q"][:, j]).max()
         tell(f"{name}: q{j + 1} ({joint_names[j]}) reaches {largest:.4g} rad; is it in degrees? (expected rad)")
-
-
-def _joints(joint_names: Sequence[str]) -> Iterable[int]:
-    return range(1, len(joint_names) + 1)
 
 
 def _load(file: Path) -> tuple[pa.Table, int]:

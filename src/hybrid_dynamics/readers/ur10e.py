@@ -32,7 +32,8 @@ class Ur10eSettings:
     ``gains`` [N m/A] drive gains. A row is corrupted when it is not 31 finite numbers, or exceeds ``max_position``
     [rad], ``max_velocity`` [rad/s] or ``max_current`` [A], or when its stamp does not fit its place; a file with more
     than ``max_corrupted`` (share) of them is refused. A joint faster than ``motion_threshold`` [rad/s] moves;
-    automatic windows keep ``standstill`` [s] around the motion.
+    automatic windows keep ``standstill`` [s] around the motion. Single stamps off the controller's ``tick`` [s] are put
+    back on it (0: left as they are). ``dt`` [s] fixes the grid (0: median step).
     """
 
     gains: tuple[float, ...] = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)
@@ -42,6 +43,7 @@ class Ur10eSettings:
     max_corrupted: float = 0.01
     motion_threshold: float = 0.005
     standstill: float = 0.1
+    tick: float = 0.002
     dt: float = 0.0
 
     def __post_init__(self) -> None:
@@ -54,6 +56,7 @@ class Ur10eSettings:
             require(getattr(self, name) > 0, f"ur10e.{name} is {getattr(self, name)}; expected > 0")
         require(0 <= self.max_corrupted < 1, f"ur10e.max_corrupted is {self.max_corrupted}; expected a share in [0, 1)")
         require(self.standstill >= 0, f"ur10e.standstill is {self.standstill}; expected seconds >= 0")
+        require(0 <= self.tick < 0.01, f"ur10e.tick is {self.tick}; expected seconds in [0, 0.01), 0 for no repair")
         require(0 <= self.dt < 0.5, f"ur10e.dt is {self.dt}; expected seconds in [0, 0.5), 0 for automatic")
 
 
@@ -92,6 +95,11 @@ def read_ur10e(
         raise InputError(f"{path}: window {first}-{last}; expected rows within 1-{total}, first before last")
     inside = (rows >= first) & (rows <= last)
     chosen = values[inside]
+    if settings.tick:
+        time, moved = repair_stamps(chosen[:, 0], chosen[:, 1:7], chosen[:, 7:13], settings.tick)
+        if moved:
+            tell(f"{name}: {moved} of {len(chosen)} time stamps lie between the controller's ticks: moved by half one")
+        chosen = np.column_stack([time, chosen[:, 1:]])
     trajectory = Trajectory(
         name=name,
         split=split,
@@ -102,6 +110,28 @@ def read_ur10e(
     if len(parts) != 1:
         raise InputError(f"{path}: rows {first}-{last} hold a gap too long to interpolate; choose a window without one")
     return parts[0]
+
+
+def repair_stamps(time: Array, q: Array, dq: Array, tick: float) -> tuple[Array, int]:
+    """Put single stamps that lie half a ``tick`` [s] between their neighbours' ticks on the tick that fits the motion.
+
+    Of the tick before and the one after, the one whose steps agree better with the change of position: for both steps,
+    q[k+1] - q[k] = (dq[k] + dq[k+1]) / 2 (t[k+1] - t[k]). Returns the stamps (T,) and how many were moved. On the runs
+    of one day (11, 9 and 13 ms steps) it halves the misfit between position and velocity.
+    """
+    half = np.round(np.diff(time) / (tick / 2)).astype(int)
+    off_tick = (half[:-1] % 2 == 1) & (half[1:] % 2 == 1)
+    row = np.flatnonzero(off_tick) + 1
+    row = row[np.diff(row, prepend=-2) > 1]
+    speed = (dq[1:] + dq[:-1]) / 2
+    misfit = []
+    for shift in (-tick / 2, tick / 2):
+        before = q[row] - q[row - 1] - speed[row - 1] * (time[row] + shift - time[row - 1])[:, None]
+        after = q[row + 1] - q[row] - speed[row] * (time[row + 1] - time[row] - shift)[:, None]
+        misfit.append((before**2 + after**2).sum(axis=1))
+    out = time.copy()
+    out[row] += np.where(misfit[1] < misfit[0], tick / 2, -tick / 2)
+    return out, len(row)
 
 
 def find_window(rows: NDArray[np.int64], time: Array, dq: Array, settings: Ur10eSettings, path: str) -> tuple[int, int]:
