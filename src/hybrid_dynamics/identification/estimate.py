@@ -18,6 +18,8 @@ Index = NDArray[np.intp]
 
 #: Directions whose singular value (unit columns) is below this share of the largest count as not excited.
 EXCITATION_TOLERANCE = 1e-8
+#: Least torque noise that the weighting assumes, as a share of the rms torque.
+NOISE_FLOOR = 1e-5
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,11 @@ class Problem:
             scipy.linalg.qr(blocks.factors[:, j].reshape(-1, blocks.factors.shape[-1]), mode="r")[0]
             for j in range(self.n)
         ]
+
+        # An exact fit has no noise; a floor at this share of the torque keeps weights and conic solver sane.
+        torque = np.array([np.linalg.norm(factor[:, -1]) for factor in self.joint_factors])
+        torque /= np.sqrt(np.maximum(blocks.rows.sum(axis=0), 1))
+        self._noise_floor = NOISE_FLOOR * np.maximum(torque, max(1e-3 * torque.max(), 1e-9))
 
     def _columns(self, j: int, width: int) -> tuple[Index, Index]:
         """Where the columns of joint ``j`` come from and where they go among the m + 1 columns."""
@@ -90,8 +97,7 @@ class Problem:
             source, goal = self._columns(j, int(widths[j]))
             residual = self.joint_factors[j][:, source] @ np.append(x, -1.0)[goal]
             out[j] = np.linalg.norm(residual) / np.sqrt(max(rows[j], 1) * free)
-        # An exact fit has no noise; a tiny floor keeps the weights finite.
-        return np.maximum(out, 1e-9 * max(out.max(), 1e-6))
+        return np.maximum(out, self._noise_floor)
 
 
 def solve_factor(factor: Array, target: Array) -> tuple[Array, Array, Array]:

@@ -78,7 +78,12 @@ def block_factors(
         raise InputError("least squares: no trajectory to fit; give at least one with split 'train'")
     for run in runs:
         for signal in ("q", "dq", "ddq", "tau"):
-            run[signal]  # raises with the trajectory's name
+            bad = np.argwhere(~np.isfinite(run[signal]))
+            if len(bad):
+                raise InputError(
+                    f"trajectory {run.name}: {signal}{bad[0, 1] + 1} is {run[signal][tuple(bad[0])]} in row "
+                    f"{bad[0, 0] + 1}; remove or repair the row"
+                )
         if run.n_joints != robot.n_joints:
             raise InputError(f"trajectory {run.name}: {run.n_joints} joints; robot {robot.name} has {robot.n_joints}")
         if len(run.time) < 2:

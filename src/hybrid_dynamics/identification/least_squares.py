@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import jsonschema
@@ -46,7 +46,7 @@ class LeastSquaresSettings:
     """
 
     physical: bool = True
-    prior_weight: float = 1e-4
+    prior_weight: float = 1e-5
     sign_widths: tuple[float, ...] = (0.0, 0.03, 0.08)
     min_speed: float = 0.02
     filter_cutoff: float = 0.0
@@ -101,8 +101,6 @@ class LeastSquares:
             max_rows=settings.max_rows,
             filter_cutoff=settings.filter_cutoff,
         )
-        if not np.isfinite(blocks.factors).all():
-            raise InputError("least squares: the trajectories hold NaN or infinite values; remove or repair those rows")
         result = estimate(blocks, self.base.size, settings.reweightings)
         prior_armature = np.array([robot.model.armature[robot.model.idx_vs[i]] for i in robot.joint_ids])
         if settings.physical:
@@ -251,6 +249,14 @@ class LeastSquares:
             raise InputError(
                 f"least squares model: is of joints {', '.join(document['joints'])}; robot {robot.name} has "
                 f"{', '.join(robot.joint_names)}; give the robot it was fitted on"
+            )
+        unknown = sorted(set(document["settings"]) - {field.name for field in fields(LeastSquaresSettings)})
+        if unknown:
+            raise InputError(f"least squares model: settings: unknown name {unknown[0]!r}; fit the model again")
+        if len(document["inertial_parameters"]) != robot.n_joints:
+            raise InputError(
+                f"least squares model: inertial_parameters has {len(document['inertial_parameters'])} links; expected "
+                f"{robot.n_joints}; fit it again"
             )
         model = cls(robot, LeastSquaresSettings(**document["settings"]))
         model.inertial_parameters_ = np.array(document["inertial_parameters"], float).ravel()

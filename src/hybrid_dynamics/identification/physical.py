@@ -108,7 +108,8 @@ def physical_least_squares(
     bodies = [cp.Variable((4, 4), PSD=True) for _ in range(n)]
     armature = cp.Variable(n, nonneg=True)  # in units of armature_scale
     size = np.linalg.norm(factor[:, p:], axis=0) / np.sqrt(rows)
-    size = np.where(size > 0, size, 1.0)  # friction in units that give a torque of one noise deviation
+    still = size == 0  # joints that never move
+    size[still] = 1.0  # friction in units that give a torque of one noise deviation
     friction = cp.Variable(3 * n)
     weighted = factor / np.sqrt(rows)
     stacked = cp.hstack([cp.reshape(body, (16,), order="C") for body in bodies])
@@ -124,7 +125,12 @@ def physical_least_squares(
     )
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Solution may be inaccurate", category=UserWarning)
-        problem.solve(solver=cp.CLARABEL)
+        try:
+            problem.solve(solver=cp.CLARABEL)
+        except cp.SolverError as error:
+            raise HybridDynamicsError(
+                f"physically consistent least squares: {error}; consider a larger prior_weight than {prior_weight:g}"
+            ) from None
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
         raise HybridDynamicsError(
             f"physically consistent least squares: solver status {problem.status!r}; expected 'optimal'; consider a "
@@ -140,4 +146,5 @@ def physical_least_squares(
         )
     values = friction.value / size
     values[: 2 * n] = np.maximum(values[: 2 * n], 0.0)
+    values[still] = 0.0
     return parameters, np.maximum(armature.value, 0.0) * armature_scale, values
