@@ -1,8 +1,17 @@
 """What every stage needs from its command line."""
 
 import argparse
+import resource
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress, TimeElapsedColumn
 
 from hybrid_dynamics.errors import ConfigError
+from hybrid_dynamics.files import write_json
 from hybrid_dynamics.layout import DatasetFiles
 
 
@@ -18,3 +27,32 @@ def dataset_files(name: str) -> DatasetFiles:
     if not name.replace("_", "").replace("-", "").isalnum():
         raise ConfigError(f"dataset {name!r}: expected letters, digits, '-' and '_'")
     return DatasetFiles(name)
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
+    """Yield ``progress(fraction, text)``: a bar on a terminal, a line every tenth elsewhere (logs, CI)."""
+    console = Console()
+    if console.is_terminal:
+        with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=console) as bar:
+            task = bar.add_task(title, total=1.0)
+            yield lambda fraction, text: bar.update(task, completed=fraction, description=f"{title}: {text}")
+        return
+    shown = -1
+
+    def line(fraction: float, text: str) -> None:
+        nonlocal shown
+        if int(10 * fraction) > shown:
+            shown = int(10 * fraction)
+            print(f"{title}: {fraction:4.0%} {text}", flush=True)
+
+    yield line
+
+
+@contextmanager
+def measured(path: Path) -> Iterator[None]:
+    """Write wall time [s] and peak memory [MB] of the block to ``path``, a file no cached stage but the report reads."""
+    started = time.perf_counter()
+    yield
+    peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1024
+    write_json(path, {"wall_s": round(time.perf_counter() - started, 2), "peak_memory_mb": round(peak, 1)})

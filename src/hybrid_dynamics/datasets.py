@@ -1,0 +1,166 @@
+"""What a dataset of the study is, as configured in ``conf/dataset/``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from hybrid_dynamics.errors import InputError, require
+from hybrid_dynamics.readers import Notify, Ur10eSettings, read_log, read_ur10e, read_wam, read_wam_reference
+from hybrid_dynamics.robots import Robot, find_description, lock_joints
+from hybrid_dynamics.simulation import (
+    ControllerSettings,
+    Reference,
+    ReferenceSettings,
+    SimulationSettings,
+    reference_from_positions,
+)
+from hybrid_dynamics.simulation.rollout import Progress
+from hybrid_dynamics.simulation.sensors import SensorSettings
+from hybrid_dynamics.simulation.twin import DriveFriction, simulate_twin
+from hybrid_dynamics.trajectory import Trajectory
+
+PACKAGE = "package:"
+SOURCE = "source:"
+
+
+@dataclass(frozen=True)
+class RobotSettings:
+    """Where the robot's description is and which joints are fixed.
+
+    ``urdf``: a path, ``package:<end of path>`` (a file of example-robot-data) or ``source:<path>`` (a file of the
+    dataset's source); ``fallback``: the same, for a source that cannot be had.
+    """
+
+    urdf: str
+    fallback: str = ""
+    lock: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StudySimulation:
+    """The simulated study: rollouts per split, viscous ``damping`` (n,) [N m s/rad], and how they are made."""
+
+    damping: tuple[float, ...]
+    n_train: int = 10
+    n_test: int = 10
+    rollout: SimulationSettings = field(default_factory=SimulationSettings)
+    reference: ReferenceSettings = field(default_factory=ReferenceSettings)
+    controller: ControllerSettings = field(default_factory=ControllerSettings)
+
+    def __post_init__(self) -> None:
+        require(all(d >= 0 for d in self.damping), f"simulation.damping is {list(self.damping)}; expected values >= 0")
+        for name in ("n_train", "n_test"):
+            require(getattr(self, name) >= 1, f"simulation.{name} is {getattr(self, name)}; expected 1 or more")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recorded run: its ``file`` in the source, its ``split``, and the usable ``rows`` (1-based; empty: found)."""
+
+    name: str
+    split: str
+    file: str
+    rows: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        require(self.split in ("train", "test"), f"run {self.name}: split is {self.split!r}; expected train or test")
+        require(
+            len(self.rows) in (0, 2), f"run {self.name}: rows is {list(self.rows)}; expected [first, last] or nothing"
+        )
+
+
+def robot_description(settings: RobotSettings, source: Path | None = None) -> str:
+    """The dataset's robot as URDF text, joints locked, geometry left out.
+
+    Raises :class:`InputError` where neither the description nor its fallback is there.
+    """
+    for place in filter(None, (settings.urdf, settings.fallback)):
+        path = _resolve(place, source)
+        if path is not None and path.is_file():
+            return lock_joints(path, settings.lock)
+    raise InputError(f"robot description {settings.urdf!r} cannot be found; give the path of a URDF in robot.urdf")
+
+
+def _resolve(place: str, source: Path | None) -> Path | None:
+    if place.startswith(PACKAGE):
+        return find_description(place.removeprefix(PACKAGE))
+    if place.startswith(SOURCE):
+        return source / place.removeprefix(SOURCE) if source is not None else None
+    return Path(place)
+
+
+@dataclass(frozen=True)
+class TwinSettings:
+    """The simulated twin of a recorded dataset: drive losses, sensors, and what it follows.
+
+    ``follow``: files of the source with reference positions (one per run), sampled every ``follow_period`` [s]; where
+    they cannot be had, and where none are named, multi-sines drawn with ``reference`` are followed.
+    """
+
+    friction: DriveFriction
+    sensors: SensorSettings
+    rollout: SimulationSettings = field(default_factory=SimulationSettings)
+    reference: ReferenceSettings = field(default_factory=ReferenceSettings)
+    controller: ControllerSettings = field(default_factory=ControllerSettings)
+    follow: tuple[str, ...] = ()
+    follow_period: float = 1e-3
+
+
+def twin_runs(
+    robot: Robot, settings: TwinSettings, runs: Sequence[Run], source: Path, seed: int, progress: Progress | None = None
+) -> list[tuple[Trajectory, Trajectory]]:
+    """(recorded, truth) of every run of the twin, named and split like the recording's ``runs`` (training first).
+
+    Raises :class:`InputError` where a reference cannot be followed.
+    """
+    ordered = sorted(runs, key=lambda run: run.split != "train")
+    n_train = sum(run.split == "train" for run in runs)
+    files = [source / path for path in settings.follow]
+    references: ReferenceSettings | list[Reference] = settings.reference
+    if files and all(file.is_file() for file in files):
+        rate = 1 / settings.rollout.control_period
+        references = [
+            reference_from_positions(read_wam_reference(file), settings.follow_period, name=file.name, rate=rate)
+            for file in files
+        ]
+    return simulate_twin(
+        robot,
+        settings.rollout,
+        settings.friction,
+        settings.sensors,
+        references,
+        control=settings.controller,
+        n_train=n_train,
+        n_test=len(runs) - n_train,
+        seed=seed,
+        names=[run.name for run in ordered],
+        progress=progress,
+    )
+
+
+@dataclass(frozen=True)
+class ReaderSettings:
+    """How the files of a recorded dataset are read: ``format`` is ``ur10e``, ``wam`` or ``log`` (a user's log)."""
+
+    format: str
+    ur10e: Ur10eSettings = field(default_factory=Ur10eSettings)
+    dt: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(
+            self.format in ("ur10e", "wam", "log"),
+            f"reader.format is {self.format!r}; expected ur10e, wam or log",
+        )
+
+
+def read_run(settings: ReaderSettings, run: Run, folder: Path, robot: Robot, notify: Notify) -> Trajectory:
+    """One recorded run of ``folder`` as a trajectory on a uniform grid."""
+    path = folder / run.file
+    if settings.format == "ur10e":
+        window = (run.rows[0], run.rows[1]) if run.rows else None
+        return read_ur10e(path, run.name, run.split, settings.ur10e, window, notify)
+    if settings.format == "wam":
+        return read_wam(path, run.name, run.split, settings.dt, notify)
+    return read_log(path, robot.joint_names, run.name, run.split)

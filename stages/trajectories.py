@@ -1,0 +1,42 @@
+"""Stage trajectories: the recorded runs of a dataset, or its simulated twin, on a uniform grid."""
+
+from hybrid_dynamics.config import load_params, section
+from hybrid_dynamics.datasets import (
+    ReaderSettings,
+    RobotSettings,
+    Run,
+    TwinSettings,
+    read_run,
+    robot_description,
+    twin_runs,
+)
+from hybrid_dynamics.errors import run_main
+from hybrid_dynamics.files import write_text
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.sources import read_source
+from hybrid_dynamics.trajectory import RECORDED, write_trajectories
+from stages.common import dataset_argument, progress_bar
+
+
+def main() -> None:
+    files = dataset_argument(__doc__)
+    params = load_params()
+    name = f"dataset.{files.dataset}"
+    source = read_source(files.source)
+    runs = section(params, f"{name}.runs", list[Run])
+    write_text(files.robot, robot_description(section(params, f"{name}.robot", RobotSettings), files.source))
+    robot = Robot.from_urdf(files.robot)
+    if source["provenance"] == RECORDED:
+        reader = section(params, f"{name}.reader", ReaderSettings)
+        trajectories = (read_run(reader, run, files.source, robot, print) for run in runs)
+    else:
+        twin = section(params, f"{name}.twin", TwinSettings)
+        with progress_bar(f"{files.dataset}: simulating the twin") as progress:
+            pairs = twin_runs(robot, twin, runs, files.source, section(params, "seed", int), progress)
+        trajectories = (recorded for recorded, _ in pairs)
+    metadata = {key: source[key] for key in ("provenance", "repository", "licence", "notice")}
+    write_trajectories(files.trajectories, trajectories, {"dataset": files.dataset, **metadata})
+
+
+if __name__ == "__main__":
+    run_main(main)
