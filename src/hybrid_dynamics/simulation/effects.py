@@ -96,3 +96,30 @@ def offset(torque: Sequence[float] | Array) -> JointEffects:
     """A constant torque b [N m]."""
     b = np.asarray(torque, float)
     return JointEffects(torque=(lambda q, dq, time: b,))
+
+
+def from_state_torque(torque: Callable[[Array, Array], Array], n_joints: int) -> JointEffects:
+    """Effects from one law ``torque(q, dq) -> (R, n)`` [N m] that may jump at dq = 0 (Coulomb, Stribeck, asymmetric).
+
+    Per joint, half the jump at standstill becomes dry friction (true sticking) and the rest, continuous in dq, stays as
+    it is; its slope over 0.1 to 1 rad/s at q = 0 is integrated as damping, so that stiff viscous terms stay stable. The
+    torque of a moving joint is the law's own, whatever the split. The jump of joint j must come from its own velocity.
+    """
+    tiny = 1e-9
+    ones = np.ones((1, n_joints))
+    slope = (torque(0 * ones, ones) - torque(0 * ones, 0.1 * ones))[0] / 0.9
+    damping = np.maximum(slope, 0.0)
+
+    def half_jump(q: Array) -> Array:
+        speed = np.full_like(q, tiny)
+        return np.maximum(0.5 * (torque(q, speed) - torque(q, -speed)), 0.0)
+
+    def smooth(q: Array, dq: Array, time: float) -> Array:
+        return torque(q, dq) - half_jump(q) * np.sign(dq) - damping * dq
+
+    def dry(q: Array, dq: Array, load: Array, time: float) -> tuple[Array, Array]:
+        level = half_jump(q)
+        return level, level
+
+    jumps = bool((half_jump(0 * ones) > 1e-6).any())
+    return JointEffects(damping, (dry,) if jumps else (), (smooth,))
