@@ -1,4 +1,4 @@
-"""What every torque estimator shares: the feature matrix X (N, 7n), the rigid-body model, and the hybrid composition."""
+"""What every torque estimator shares: the feature matrix X, the rigid-body model, and the hybrid composition."""
 
 from __future__ import annotations
 

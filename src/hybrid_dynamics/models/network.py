@@ -2,6 +2,8 @@
 
 Paper, Section "Methods compared": two hidden layers of 128 ReLU units, mean-squared error, Adam with 1e-4, batches of
 1024, 100 epochs, no normalisation. As the residual of a hybrid it minimises |tau_rbd + eps(x) - tau|^2.
+
+torch is imported where it is used: it takes seconds, and Julia (PySR) must be started before it in one process.
 """
 
 from __future__ import annotations
@@ -9,15 +11,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Self
+from itertools import pairwise
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.models.base import check_data, check_features
+
+if TYPE_CHECKING:
+    import torch
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int, float], None]
@@ -50,6 +55,8 @@ class NetworkSettings:
 @contextmanager
 def _reproducible() -> Iterator[None]:
     """One thread and deterministic kernels, and the caller's choices back afterwards."""
+    import torch
+
     threads, deterministic = torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()
     torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)
@@ -61,7 +68,7 @@ def _reproducible() -> Iterator[None]:
 
 
 class NetworkEstimator(RegressorMixin, BaseEstimator):
-    """Multilayer perceptron. Learned: ``weights_`` (name to float32 array) and ``losses_``, the mean loss of each epoch."""
+    """Multilayer perceptron. Learned: ``weights_`` (name to float32 array), ``losses_`` (mean loss of each epoch)."""
 
     def __init__(self, settings: NetworkSettings | None = None, progress: Progress | None = None) -> None:
         self.settings = settings
@@ -69,6 +76,8 @@ class NetworkEstimator(RegressorMixin, BaseEstimator):
 
     def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self:
         """Train on ``X`` (N, 7n), ``y`` (N, n) [N m]; same seed, same weights. ``progress(epoch, epochs, loss)``."""
+        import torch
+
         X, y = check_data(X, y)
         settings = self.settings or NetworkSettings()
         self.n_joints_ = y.shape[1]
@@ -96,6 +105,8 @@ class NetworkEstimator(RegressorMixin, BaseEstimator):
 
     def predict(self, X: Array) -> Array:
         """(N, n) [N m], in single precision within."""
+        import torch
+
         X = check_features(X, self.n_joints_)
         out = np.empty((len(X), self.n_joints_))
         hidden = tuple(w.shape[0] for name, w in self.weights_.items() if name.endswith("weight"))[:-1]
@@ -110,9 +121,11 @@ class NetworkEstimator(RegressorMixin, BaseEstimator):
 
 def _network(inputs: int, hidden: tuple[int, ...], outputs: int, generator: torch.Generator) -> torch.nn.Sequential:
     """Linear layers with ReLU between them, initialised as ``torch.nn.Linear`` does but from ``generator``."""
+    import torch
+
     layers: list[torch.nn.Module] = []
     widths = (inputs, *hidden, outputs)
-    for k, (fan_in, fan_out) in enumerate(zip(widths[:-1], widths[1:], strict=True)):
+    for k, (fan_in, fan_out) in enumerate(pairwise(widths)):
         layer = torch.nn.utils.skip_init(torch.nn.Linear, fan_in, fan_out)
         bound = fan_in**-0.5
         with torch.no_grad():

@@ -1,14 +1,14 @@
 """SINDy: a sparse polynomial of the features, found by PySINDy's STLSQ on a triangular factor in bounded memory.
 
 With Theta the library (N, p) and Y the torque (N, n), the QR factorisation [Theta Y] = Q R lets
-``|Theta w - y| = |R_theta w - R_y|`` for every w, so STLSQ (ridge steps and the unbiased last fit) sees the same problem
-in p + n rows. R is accumulated chunk by chunk; the library never stands in memory as a whole.
+``|Theta w - y| = |R_theta w - R_y|`` for every w, so STLSQ (ridge steps and the unbiased last fit) sees the same
+problem in p + n rows. R is accumulated chunk by chunk; the library never stands in memory as a whole.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -35,7 +35,8 @@ class SindySettings:
     """The paper's settings by default (Section "Methods compared").
 
     ``scaled`` divides every library column and the target by its standard deviation before thresholding; then
-    ``threshold`` is a share of the target's standard deviation (1e-3 finds the true terms) and not a number in mixed units.
+    ``threshold`` is a share of the target's standard deviation (1e-3 finds the true terms), not one number for
+    coefficients in many units.
     """
 
     degree: int = 2
@@ -91,8 +92,7 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
         settings = self.settings or SindySettings()
         self.n_joints_ = y.shape[1]
         self.names_ = feature_names(self.n_joints_)
-        library = PolynomialLibrary(degree=settings.degree).fit(X[:1])
-        self._set_powers(np.asarray(library.powers_))
+        library = self._build_library(settings.degree, X.shape[1])
         width = len(self.powers_)
         factor = triangular_factor(X, y, lambda chunk: np.asarray(library.transform(chunk)), width, settings.chunk_rows)
         theta, target = factor[:, :width], factor[:, width:]
@@ -116,6 +116,24 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
         self.coef_ = np.asarray(optimizer.coef_) * torque[:, None] / columns
         self._activate()
         return self
+
+    def set_terms(self, terms: Sequence[Sequence[tuple[str, float]]], converged: bool) -> None:
+        """Take (term name, coefficient) lists, one per joint, as what was learned; the names as :meth:`term_names`."""
+        self.n_joints_ = len(terms)
+        self.names_ = feature_names(self.n_joints_)
+        self._build_library((self.settings or SindySettings()).degree, len(self.names_))
+        position = {name: k for k, name in enumerate(self.term_names())}
+        self.coef_ = np.zeros((self.n_joints_, len(position)))
+        for joint, pairs in enumerate(terms):
+            for name, value in pairs:
+                self.coef_[joint, position[name]] = value
+        self.converged_ = converged
+        self._activate()
+
+    def _build_library(self, degree: int, features: int) -> PolynomialLibrary:
+        library = PolynomialLibrary(degree=degree).fit(np.zeros((1, features)))
+        self._set_powers(np.asarray(library.powers_))
+        return library
 
     def _set_powers(self, powers: NDArray[np.int64]) -> None:
         self.powers_ = powers

@@ -1,0 +1,70 @@
+"""Symbolic regression as a torque estimator: an independent expression for each joint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Self
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, RegressorMixin
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from hybrid_dynamics.models.base import check_data, check_features, feature_names
+from hybrid_dynamics.models.expressions import CompiledExpressions
+from hybrid_dynamics.models.symbolic.engines import make_engine
+from hybrid_dynamics.models.symbolic.search import symbolic_regression
+from hybrid_dynamics.models.symbolic.settings import FrontRow, SymbolicResult, SymbolicSettings
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+
+class SymbolicEstimator(RegressorMixin, BaseEstimator):
+    """One expression per joint. Learned: ``expressions_``, ``shares_explained_`` (n each), ``front_`` (of all joints)."""
+
+    def __init__(self, settings: SymbolicSettings | None = None, progress: Progress | None = None) -> None:
+        self.settings = settings
+        self.progress = progress
+
+    def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self:
+        """Search for ``y`` (N, n) over ``X`` (N, 7n); ``variance`` (n,) of the whole torque sets what is worth a term.
+
+        ``settings.workers`` joints at once; each joint's result depends on its own seed only. ``progress(done, n)``.
+        """
+        X, y = check_data(X, y)
+        settings = self.settings or SymbolicSettings()
+        self.n_joints_ = y.shape[1]
+        names = feature_names(self.n_joints_)
+        total = np.var(y, axis=0) if variance is None else np.asarray(variance, float)
+        engine = make_engine(settings)
+
+        def search(j: int) -> SymbolicResult:
+            return symbolic_regression(
+                X, y[:, j], names, settings, variance=float(total[j]), joint=j + 1, engine=engine
+            )
+
+        results: list[SymbolicResult] = []
+        workers = min(settings.workers, self.n_joints_) if engine.concurrent else 1
+        # The searches and the linear algebra release Python's lock, so threads do; BLAS itself stays on one.
+        with threadpool_limits(1), ThreadPoolExecutor(workers) as pool:
+            for result in pool.map(search, range(self.n_joints_)):
+                results.append(result)
+                if self.progress is not None:
+                    self.progress(len(results), self.n_joints_)
+        self.shares_explained_ = tuple(result.share_explained for result in results)
+        self.front_: tuple[FrontRow, ...] = tuple(row for result in results for row in result.front)
+        self.set_expressions([result.expression for result in results])
+        return self
+
+    def set_expressions(self, expressions: list[sp.Expr]) -> None:
+        """Take ``expressions`` (one per joint, over the features) as what was learned."""
+        self.n_joints_ = len(expressions)
+        self.expressions_ = list(expressions)
+        self._compiled = CompiledExpressions(self.expressions_, feature_names(self.n_joints_))
+
+    def predict(self, X: Array) -> Array:
+        """(N, n) [N m]."""
+        return self._compiled(check_features(X, self.n_joints_))
