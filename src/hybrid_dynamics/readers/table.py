@@ -125,6 +125,8 @@ def _load_csv(file: Path) -> pa.Table:
     if "," not in header:
         raise InputError(f"{file}: row 1: no comma in {header[:40]!r}; expected a comma-separated header {LAYOUT}")
     names = [field.strip().strip('"') for field in header.split(",")]
+    if "time" not in names:
+        raise InputError(f"{file}: row 1: column 'time' is missing in {header[:40]!r}; expected a header {LAYOUT}")
     twice = sorted({field for field in names if names.count(field) > 1})
     if twice:
         raise InputError(f"{file}: column {twice[0]!r} stands twice in the header; expected {LAYOUT}")
@@ -150,7 +152,17 @@ def _load_csv(file: Path) -> pa.Table:
         last = number == _count_rows(file)
         cut = " (the last row: the file is truncated)" if last else ""
         raise InputError(f"{file}: row {number} has {columns} columns{cut}; expected {len(names)} as in the header")
-    return table
+    return table.slice(0, table.num_rows - _trailing_blanks(table))
+
+
+def _trailing_blanks(table: pa.Table) -> int:
+    """Number of empty lines at the end of a CSV file (each became a row of empty fields)."""
+    count = 0
+    for row in reversed(range(table.num_rows)):
+        if any(column[row].as_py() for column in table.itercolumns()):
+            break
+        count += 1
+    return count
 
 
 def _count_rows(file: Path) -> int:

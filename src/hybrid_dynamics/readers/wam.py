@@ -52,6 +52,8 @@ def _load(path: Path, columns: int, what: str) -> Array:
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; run the fetch stage") from None
     lines = text.splitlines()
+    if not text.strip():
+        raise InputError(f"{path}: empty; expected {columns} columns: {what}")
     try:
         values = np.loadtxt(lines, delimiter="," if "," in text else None, ndmin=2)
         if values.shape[1] == columns and len(values) >= 50 and np.isfinite(values).all():
