@@ -26,7 +26,8 @@ NOISE_FLOOR = 1e-5
 class Estimate:
     """Ordinary weighted estimate: ``x`` (m,), jackknife ``std_error`` (m,) (infinite where the data does not tell),
     ``noise`` (n,) residual deviation [N m], ``width_index`` (n,), ``factor`` (m, m) and ``target`` (m,) of the
-    weighted system, ``rows`` behind it, ``condition_number`` of its columns scaled to unit length."""
+    weighted system, ``rows`` behind it, ``condition_number`` of its columns scaled to unit length (infinite where a
+    direction is not excited), ``base_condition_number`` of the unweighted inertial columns in SI units."""
 
     x: Array
     std_error: Array
@@ -36,7 +37,7 @@ class Estimate:
     target: Array
     rows: int
     condition_number: float
-    singular_values: Array
+    base_condition_number: float
 
 
 class Problem:
@@ -47,7 +48,7 @@ class Problem:
         self.p = p
         self.n = blocks.factors.shape[1]
         self.m = p + 3 * self.n
-        self.grams = np.einsum("bjki,bjkl->bjil", blocks.factors, blocks.factors, optimize=True)
+        self.grams = _grams(blocks.factors)
         self.joint_factors = [
             scipy.linalg.qr(blocks.factors[:, j].reshape(-1, blocks.factors.shape[-1]), mode="r")[0]
             for j in range(self.n)
@@ -68,12 +69,12 @@ class Problem:
             goal += [p + j, p + n + j]
         return np.array([*source, last - 1, last]), np.array([*goal, p + 2 * n + j, m])
 
-    def block_grams(self, noise: Array, widths: Index) -> Array:
-        """Weighted Gram matrices (B, m + 1, m + 1) of all joints together, target last."""
-        out = np.zeros((len(self.grams), self.m + 1, self.m + 1))
+    def weighted_grams(self, grams: Array, noise: Array, widths: Index) -> Array:
+        """Weighted Gram matrices (B, m + 1, m + 1) of all joints together, target last, from ``grams`` (B, n, c, c)."""
+        out = np.zeros((len(grams), self.m + 1, self.m + 1))
         for j in range(self.n):
             source, goal = self._columns(j, int(widths[j]))
-            out[:, goal[:, None], goal] += self.grams[:, j][:, source[:, None], source] / noise[j] ** 2
+            out[:, goal[:, None], goal] += grams[:, j][:, source[:, None], source] / noise[j] ** 2
         return out
 
     def system(self, noise: Array, widths: Index) -> tuple[Array, Array]:
@@ -98,6 +99,10 @@ class Problem:
             residual = self.joint_factors[j][:, source] @ np.append(x, -1.0)[goal]
             out[j] = np.linalg.norm(residual) / np.sqrt(max(rows[j], 1) * free)
         return np.maximum(out, self._noise_floor)
+
+
+def _grams(factors: Array) -> Array:
+    return np.asarray(np.matmul(np.swapaxes(factors, -1, -2), factors))
 
 
 def solve_factor(factor: Array, target: Array) -> tuple[Array, Array, Array]:
@@ -142,26 +147,33 @@ def _folds(blocks: BlockFactors) -> Index:
     return np.arange(len(blocks.trajectory)) * 4 // len(blocks.trajectory)
 
 
-def _held_out_error(grams: Array, folds: Index) -> float:
-    total, error = grams.sum(axis=0), 0.0
-    for fold in np.unique(folds):
-        inside = grams[folds == fold].sum(axis=0)
-        x = np.append(_solve_gram(total - inside), -1.0)
-        error += float(x @ inside @ x)
-    return error
-
-
 def choose_widths(problem: Problem, noise: Array) -> Index:
-    """Width of sign(dq) per joint with the least cross-validated weighted error: a common one, then joint by joint."""
-    folds = _folds(problem.blocks)
-    count = len(problem.blocks.widths)
-    common = [_held_out_error(problem.block_grams(noise, np.full(problem.n, w)), folds) for w in range(count)]
+    """Width of sign(dq) per joint with the least cross-validated weighted error: a common one, then joint by joint.
+
+    Slow rows count in the held-out error, though they are not fitted: the width is what they are for.
+    """
+    blocks = problem.blocks
+    folds = _folds(blocks)
+    names = np.unique(folds)
+    fitted = np.array([problem.grams[folds == f].sum(axis=0) for f in names])
+    scored = fitted + np.array([_grams(blocks.slow[folds == f]).sum(axis=0) for f in names])
+
+    def held_out_error(widths: Index) -> float:
+        inside = problem.weighted_grams(fitted, noise, widths)
+        total, error = inside.sum(axis=0), 0.0
+        for own, test in zip(inside, problem.weighted_grams(scored, noise, widths), strict=True):
+            x = np.append(_solve_gram(total - own), -1.0)
+            error += float(x @ test @ x)
+        return error
+
+    count = len(blocks.widths)
+    common = [held_out_error(np.full(problem.n, w)) for w in range(count)]
     widths, best = np.full(problem.n, int(np.argmin(common))), min(common)
-    for j in np.flatnonzero(problem.blocks.moving):
+    for j in np.flatnonzero(blocks.moving):
         for w in range(count):
             trial = widths.copy()
             trial[j] = w
-            error = best if w == widths[j] else _held_out_error(problem.block_grams(noise, trial), folds)
+            error = best if w == widths[j] else held_out_error(trial)
             if error < best * (1 - 1e-6):
                 widths, best = trial, error
     return widths
@@ -179,9 +191,11 @@ def estimate(blocks: BlockFactors, p: int, reweightings: int) -> Estimate:
             widths = choose_widths(problem, noise)
     factor, target = problem.system(noise, widths)
     x, singular, lost = solve_factor(factor, target)
-    std_error = jackknife(problem.block_grams(noise, widths))
+    std_error = jackknife(problem.weighted_grams(problem.grams, noise, widths))
     std_error[lost] = np.inf
     used = singular[singular > 0]
+    inertial = np.linalg.svd(np.vstack([factor[:, :p] for factor in problem.joint_factors]), compute_uv=False)
+    excited = inertial[-1] > EXCITATION_TOLERANCE * inertial[0]
     return Estimate(
         x=x,
         std_error=std_error,
@@ -191,5 +205,5 @@ def estimate(blocks: BlockFactors, p: int, reweightings: int) -> Estimate:
         target=target,
         rows=int(blocks.rows.sum()),
         condition_number=float(used[0] / used[-1]) if not lost.any() else float("inf"),
-        singular_values=singular,
+        base_condition_number=float(inertial[0] / inertial[-1]) if excited else float("inf"),
     )

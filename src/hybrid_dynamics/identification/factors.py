@@ -44,16 +44,16 @@ def low_pass_taps(cutoff: float, dt: float) -> Array:
 
 @dataclass(frozen=True)
 class BlockFactors:
-    """``factors`` (B, n, c, c) upper triangles with c = p + 1 + W + 1 + 1, ``rows`` (B, n) samples behind each,
-    ``trajectory`` (B,) index of the trajectory of each block, ``widths`` (W,) [rad/s], ``moving`` (n,) whether the
-    joint moved enough for friction, ``speed_rows`` (n,) share of rows kept."""
+    """``factors`` (B, n, c, c) upper triangles with c = p + 1 + W + 1 + 1 of the rows that are fitted, ``slow`` of
+    those left out, ``rows`` (B, n) samples behind ``factors``, ``trajectory`` (B,) index of the trajectory of each
+    block, ``widths`` (W,) [rad/s], ``moving`` (n,) whether the joint moved enough for friction."""
 
     factors: Array
+    slow: Array
     rows: NDArray[np.intp]
     trajectory: NDArray[np.intp]
     widths: tuple[float, ...]
     moving: NDArray[np.bool_]
-    share_kept: Array
 
 
 def block_factors(
@@ -97,7 +97,7 @@ def block_factors(
     duration = sum(run.time[-1] - run.time[0] for run in runs)
     seconds = float(np.clip(block_seconds, duration / 256, max(duration / 20, 1e-9)))
 
-    factors, rows, owner = [], [], []
+    factors, slow, rows, owner = [], [], [], []
     for index, run in enumerate(runs):
         taps = low_pass_taps(filter_cutoff, run.dt)
         half = len(taps) // 2
@@ -115,11 +115,11 @@ def block_factors(
             kept = np.abs(run["dq"][centre]) >= min_speed
             kept[:, ~moving] = True
             columns = _columns(robot, base, run, centre, taps, widths)
-            block = [_triangle(columns[kept[:, j], j]) for j in range(n)]
-            factors.append(block)
+            factors.append([_triangle(columns[kept[:, j], j]) for j in range(n)])
+            slow.append([_triangle(columns[~kept[:, j], j]) for j in range(n)])
             rows.append(kept.sum(axis=0))
             owner.append(index)
-    return BlockFactors(np.array(factors), np.array(rows), np.array(owner), widths, moving, share)
+    return BlockFactors(np.array(factors), np.array(slow), np.array(rows), np.array(owner), widths, moving)
 
 
 def _columns(

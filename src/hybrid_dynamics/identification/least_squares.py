@@ -39,15 +39,16 @@ class LeastSquaresSettings:
 
     ``physical``: physically consistent estimate (else the ordinary one). ``prior_weight``: pull towards the robot's
     description per sample, in units of the torque noise's variance. ``sign_widths`` [rad/s]: candidates for the width
-    of sign(dq), chosen per joint by cross-validation (0 is the plain sign). ``min_speed`` [rad/s]: slower rows of a
-    joint are not used to fit it. ``filter_cutoff`` [Hz]: low-pass for torque and all columns alike, 0 for none (the
-    data comes filtered). ``block_seconds`` [s]: block of the jackknife, longer than the residual's correlation.
-    ``max_rows``: recordings are thinned to this many samples. ``reweightings``: passes of noise weighting.
+    of sign(dq), chosen per joint by cross-validation over all rows (0 is the plain sign). ``min_speed`` [rad/s]:
+    slower rows of a joint are not used to fit it. ``filter_cutoff`` [Hz]: low-pass for torque and all columns alike,
+    0 for none (the data comes filtered). ``block_seconds`` [s]: block of the jackknife, longer than the residual's
+    correlation. ``max_rows``: recordings are thinned to this many samples. ``reweightings``: passes of noise
+    weighting. ``seed``: of the random states that the base parameters are grouped from.
     """
 
     physical: bool = True
     prior_weight: float = 1e-5
-    sign_widths: tuple[float, ...] = (0.0, 0.03, 0.08)
+    sign_widths: tuple[float, ...] = (0.0, 0.01, 0.03, 0.08)
     min_speed: float = 0.02
     filter_cutoff: float = 0.0
     block_seconds: float = 1.0
@@ -80,7 +81,9 @@ class LeastSquares:
 
     Learned: ``inertial_parameters_`` (10 n,) in the order of :meth:`Robot.regressor`, ``armature_`` (n,) [kg m^2],
     ``viscous_`` (n,) [N m s/rad], ``coulomb_`` (n,), ``offset_`` (n,) [N m], ``sign_width_`` (n,) [rad/s],
-    ``noise_`` (n,) [N m], ``parameters_`` (rows of the parameter table), ``condition_number_``.
+    ``noise_`` (n,) [N m] residual deviation, ``parameters_`` (rows of the parameter table: parameter, expression, unit,
+    described, ordinary, value, std_error, relative_std_percent), ``condition_number_`` (whole weighted regressor, unit
+    columns), ``base_condition_number_`` (inertial columns in SI units, as the literature reports it).
     """
 
     def __init__(self, robot: Robot, settings: LeastSquaresSettings | None = None) -> None:
@@ -125,6 +128,7 @@ class LeastSquares:
         self.sign_width_ = np.array([settings.sign_widths[w] for w in result.width_index])
         self.noise_ = result.noise
         self.condition_number_ = result.condition_number
+        self.base_condition_number_ = result.base_condition_number
         self.rows_ = result.rows
         self.parameters_ = self._table(result, np.append(robot.inertial_parameters, prior_armature))
         return self
@@ -218,7 +222,7 @@ class LeastSquares:
     def to_json(self) -> dict[str, Any]:
         """The fitted model as JSON values (see ``SCHEMA``)."""
         self._check_fitted()
-        condition = self.condition_number_
+        conditions = {k: getattr(self, f"{k}_") for k in ("condition_number", "base_condition_number")}
         return {
             "schema": 1,
             "method": "least_squares",
@@ -232,7 +236,7 @@ class LeastSquares:
             "offset": self.offset_.tolist(),
             "sign_width": self.sign_width_.tolist(),
             "noise": self.noise_.tolist(),
-            "condition_number": condition if math.isfinite(condition) else None,
+            **{k: value if math.isfinite(value) else None for k, value in conditions.items()},
             "rows": self.rows_,
             "parameters": self.parameters_,
         }
@@ -267,8 +271,8 @@ class LeastSquares:
                     f"least squares model: {key} has {len(values)} values; expected {robot.n_joints}; fit it again"
                 )
             setattr(model, f"{key}_", values)
-        condition = document["condition_number"]
-        model.condition_number_ = math.inf if condition is None else float(condition)
+        for key in ("condition_number", "base_condition_number"):
+            setattr(model, f"{key}_", math.inf if document[key] is None else float(document[key]))
         model.rows_ = int(document["rows"])
         model.parameters_ = [dict(row) for row in document["parameters"]]
         return model
@@ -294,6 +298,7 @@ SCHEMA: Mapping[str, Any] = {
         "inertial_parameters": {"type": "array", "items": {**_NUMBERS, "minItems": 10, "maxItems": 10}},
         **dict.fromkeys(("armature", "viscous", "coulomb", "offset", "sign_width", "noise"), _NUMBERS),
         "condition_number": {"type": ["number", "null"]},
+        "base_condition_number": {"type": ["number", "null"]},
         "rows": {"type": "integer"},
         "parameters": {"type": "array", "items": {"type": "object"}},
     },
