@@ -49,6 +49,16 @@ class Model:
         return Model(self.robot, (*self.effects, *effects))
 
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """See :func:`save_model`."""
+        save_model(path, self)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], robot: Robot) -> Model:
+        """See :func:`load_model`."""
+        return load_model(path, robot)
+
+
 def effect_to_json(effect: Effect) -> dict[str, Any]:
     """One entry of ``effects`` in model.json and diagnosis.json."""
     kind = family(effect.effect)

@@ -1,0 +1,198 @@
+"""``hybrid-dynamics close-loop`` and ``predict``: the loop on a URDF and log files, without DVC."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from hybrid_dynamics.errors import ConfigError, InputError
+from hybrid_dynamics.files import atomic_path, write_text
+from hybrid_dynamics.loop.close import LoopResult, close_loop
+from hybrid_dynamics.loop.diagnosis import write_diagnosis
+from hybrid_dynamics.loop.model import load_model, save_model
+from hybrid_dynamics.loop.process import ProcessSettings, process
+from hybrid_dynamics.loop.report import report_html
+from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.readers.log import read_pieces
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the two subcommands; each sets ``run``."""
+    close = subparsers.add_parser(
+        "close-loop",
+        help="name the physical effects a robot model lacks, add them, report before and after",
+        description="Trace what the model lacks on the training logs, add it, prove it on the test logs.",
+    )
+    close.add_argument("--robot", required=True, type=Path, help="URDF of the robot")
+    close.add_argument("--train", required=True, nargs="+", type=Path, metavar="LOG", help="logs to learn from")
+    close.add_argument(
+        "--test", nargs="+", type=Path, default=[], metavar="LOG", help="logs held out (default: end of each training log)"
+    )
+    close.add_argument("--out", required=True, type=Path, help="folder for diagnosis.json, model.json, report.html")
+    close.add_argument("--model", type=Path, help="start from this model.json instead of the URDF alone")
+    close.add_argument("--lock", nargs="+", default=[], metavar="JOINT", help="joints fixed at zero (not in the logs)")
+    close.add_argument(
+        "--set", nargs="+", default=[], metavar="NAME=VALUE", help="settings, such as sign_widths=[0,0.05] or block=1"
+    )
+    close.set_defaults(run=run_close_loop)
+
+    predict = subparsers.add_parser(
+        "predict",
+        help="torque that a completed model predicts for a log",
+        description="Predict drive torque at the instants of a log, at the bandwidth the loop works with.",
+    )
+    predict.add_argument("--model", required=True, type=Path, help="model.json written by close-loop")
+    predict.add_argument("--robot", required=True, type=Path, help="URDF of the robot")
+    predict.add_argument("--data", required=True, type=Path, metavar="LOG", help="log with positions")
+    predict.add_argument("--out", required=True, type=Path, help="Parquet file to write: time, tau1 ...")
+    predict.add_argument("--lock", nargs="+", default=[], metavar="JOINT", help="joints fixed at zero")
+    predict.set_defaults(run=run_predict)
+
+
+def settings_from(pairs: Sequence[str]) -> LoopSettings:
+    """Settings from ``name=value`` pairs; :class:`ConfigError` names what is unknown or of the wrong type."""
+    values: dict[str, Any] = {}
+    for pair in pairs:
+        name, sign, text = pair.partition("=")
+        if not sign:
+            raise ConfigError(f"--set {pair}: expected NAME=VALUE")
+        values[name] = _value(name, text)
+    own = {k: v for k, v in values.items() if not k.startswith("process.")}
+    process_values = {k.removeprefix("process."): v for k, v in values.items() if k.startswith("process.")}
+    process_settings = _typed(ProcessSettings, process_values)
+    return _typed(LoopSettings, {**own, "process": process_settings})
+
+
+def _value(name: str, text: str) -> Any:
+    try:
+        value = OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))
+    except OmegaConfBaseException as error:
+        raise ConfigError(f"--set {name}={text}: cannot be read ({error})") from None
+    assert isinstance(value, dict)
+    return value["value"]
+
+
+def _typed(cls: type, values: dict[str, Any]) -> Any:
+    defaults = cls()
+    for name, value in values.items():
+        if not hasattr(defaults, name):
+            known = ", ".join(k for k in vars(defaults) if k != "process")
+            raise ConfigError(f"setting {name!r} is unknown; known are {known}")
+        default = getattr(defaults, name)
+        if isinstance(default, tuple):
+            if not isinstance(value, list | tuple):
+                raise ConfigError(f"{name} is {value!r}; expected a list such as [0, 0.05]")
+            values[name] = tuple(value)
+            if any(isinstance(v, str) != (name == "effects") for v in value):
+                raise ConfigError(f"{name} is {value!r}; expected a list of {'names' if name == 'effects' else 'numbers'}")
+        elif isinstance(default, int | float):
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ConfigError(f"{name} is {value!r}; expected a number")
+            if isinstance(default, int) and value != int(value):
+                raise ConfigError(f"{name} is {value!r}; expected a whole number")
+            values[name] = type(default)(value)
+    return cls(**values)
+
+
+def run_close_loop(args: argparse.Namespace) -> int:
+    """The ``close-loop`` command: 0 whenever a verdict was reached."""
+    console = Console(stderr=True)
+    settings = settings_from(args.set)
+    robot = Robot.from_urdf(args.robot, tuple(args.lock))
+    if args.out.exists() and not args.out.is_dir():
+        raise InputError(f"{args.out}: is a file; give a folder for the results")
+    start = load_model(args.model, robot) if args.model else None
+    notices: list[str] = []
+    train = _read(args.train, robot, "train", notices)
+    test = _read(args.test, robot, "test", notices)
+    for notice in notices:
+        console.print(f"note: {notice}", style="yellow", highlight=False, markup=False)
+    with _progress(console) as tell:
+        result = close_loop(robot, train, test, settings, start, tell)
+        tell("writing the report", 1.0)
+        page = report_html(result)
+    write_diagnosis(args.out / "diagnosis.json", result.diagnosis)
+    save_model(args.out / "model.json", result.model)
+    write_text(args.out / "report.html", page)
+    _summary(Console(), result, args.out)
+    return 0
+
+
+def run_predict(args: argparse.Namespace) -> int:
+    """The ``predict`` command: time and torque at the instants the processed log keeps."""
+    robot = Robot.from_urdf(args.robot, tuple(args.lock))
+    model = load_model(args.model, robot)
+    notices: list[str] = []
+    columns: dict[str, list[Any]] = {"time": []} | {f"tau{j + 1}": [] for j in range(robot.n_joints)}
+    for piece in _read([args.data], robot, "test", notices):
+        run = process(piece, robot, ProcessSettings())
+        motion = run.motion
+        tau = run.smooth(model.predict(motion.q, motion.dq, motion.ddq, motion.time))
+        columns["time"].extend(run.time)
+        for j in range(robot.n_joints):
+            columns[f"tau{j + 1}"].extend(tau[:, j])
+    for notice in notices:
+        print(f"note: {notice}", file=sys.stderr)
+    fields = [pa.field(k, pa.float64(), metadata={"unit": "s" if k == "time" else "N m"}) for k in columns]
+    table = pa.Table.from_arrays([pa.array(v, pa.float64()) for v in columns.values()], schema=pa.schema(fields))
+    with atomic_path(args.out) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
+    print(f"{args.out}: {table.num_rows} rows of predicted torque [N m]")
+    return 0
+
+
+def _read(paths: Sequence[Path], robot: Robot, split: str, notices: list[str]) -> list[Trajectory]:
+    """All logs; a log with long gaps gives several runs. Names are file names, made distinct where they repeat."""
+    out: list[Trajectory] = []
+    stems = [p.stem for p in paths]
+    for path in paths:
+        name = path.stem if stems.count(path.stem) == 1 else str(path)
+        out += read_pieces(path, robot.joint_names, f"{split}:{name}", split, notify=notices.append)
+    return out
+
+
+@contextmanager
+def _progress(console: Console) -> Iterator[Callable[[str, float], None]]:
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("reading the logs", total=1.0)
+        yield lambda stage, share: bar.update(task, description=stage, completed=share)
+
+
+def _summary(console: Console, result: LoopResult, out: Path) -> None:
+    diagnosis = result.diagnosis
+    console.print(f"{diagnosis['robot']}: {diagnosis['verdict'].replace('_', ' ')}", style="bold", highlight=False)
+    for entry in diagnosis["effects"]:
+        values = ", ".join(
+            f"{p['name']} {p['value']:.4g} ± {p['std_error']:.2g} {p['unit']}" for p in entry["parameters"][:4]
+        )
+        where = entry["joints"][0] if entry["joints"] else "whole robot"
+        console.print(f"  {entry['effect']} ({where}): {values}", highlight=False, markup=False)
+    table = Table("joint", "held-out rmse before [N m]", "after", "noise floor")
+    before, after = (diagnosis["error"]["test"][k]["rmse"] for k in ("before", "after"))
+    for name, a, b, f in zip(diagnosis["joints"], before, after, diagnosis["noise_floor"], strict=True):
+        table.add_row(name, f"{a:.4g}", f"{b:.4g}", f"{f:.4g}")
+    console.print(table)
+    for note in diagnosis["notes"]:
+        console.print(f"note: {note}", highlight=False, markup=False)
+    console.print(f"report: {out / 'report.html'}", highlight=False, markup=False)
+
+
+def read_diagnosis(path: Path) -> dict[str, Any]:
+    """A diagnosis written by ``close-loop``."""
+    return dict(json.loads(path.read_text(encoding="utf-8")))

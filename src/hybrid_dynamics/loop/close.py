@@ -1,0 +1,209 @@
+"""Close the loop: trace what is missing, add it, re-fit, until nothing is left; report before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Slot, family
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop.augment import Step, model_of, refit, search
+from hybrid_dynamics.loop.checks import check_logs, check_torque
+from hybrid_dynamics.loop.diagnosis import errors_of, moving_rms, rounded, validate_diagnosis, verdict_of
+from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.identifiability import inconsistent, indistinguishable, undetermined
+from hybrid_dynamics.loop.model import Model, effect_to_json
+from hybrid_dynamics.loop.noise import noise_floor
+from hybrid_dynamics.loop.process import Run, moving_joints, process
+from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.unexplained import expression_of
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class LoopResult:
+    """``model``: the completed one; ``stages``: start, then after each named effect; ``steps``: the search's evidence."""
+
+    model: Model
+    diagnosis: dict[str, Any]
+    steps: tuple[Step, ...]
+    stages: tuple[Model, ...]
+    train: tuple[Run, ...]
+    test: tuple[Run, ...]
+    floor: Array
+    notes: tuple[str, ...]
+
+
+def close_loop(
+    robot: Robot,
+    train: Sequence[Trajectory],
+    test: Sequence[Trajectory],
+    settings: LoopSettings | None = None,
+    start: Model | None = None,
+    progress: Progress | None = None,
+) -> LoopResult:
+    """Find what ``robot`` (or the model ``start``) lacks on ``train``, prove it on ``test``.
+
+    ``train`` and ``test`` hold ``q tau`` (``dq`` where the log has it) on a uniform grid. Without test runs the last
+    part of every training run is held out. Raises :class:`InputError` where no verdict can be given.
+    """
+    settings = settings or LoopSettings()
+    base = start or Model(robot)
+    tell = progress or (lambda stage, share: None)
+    if not train:
+        raise InputError("no training run is given; expected at least one log with positions and torques")
+    check_logs(robot, [*train, *test])
+    train, test, notes = _hold_out(list(train), list(test), settings)
+
+    tell("reading the motion", 0.05)
+    runs = [process(t, base.completed_robot, settings.process) for t in train]
+    tests = [process(t, base.completed_robot, settings.process) for t in test]
+    notes += check_torque(base, runs)
+    moving = moving_joints(runs, settings.process)
+    if not moving.any():
+        raise InputError(
+            f"no joint moves more than {settings.process.moving_range} rad in the training runs; expected logs of a "
+            "robot in motion"
+        )
+    slots = [s for name in settings.families for s in family(name).slots(base.completed_robot, moving, settings.options)]
+    tell("computing what each effect would do", 0.15)
+    evidence = Evidence(base, runs, slots, settings)
+    tell("measuring the noise", 0.4)
+    floor = noise_floor(evidence)
+    torque = np.concatenate([run.tau for run in runs])
+    least = settings.resolution * np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
+    floor = np.where(evidence.samples >= 20, np.maximum(floor, least), 0.0)
+    evidence.weights = np.where(floor > 0, 1.0 / np.where(floor > 0, floor, 1.0) ** 2, 0.0)
+    judge = Judge(evidence, settings, floor, torque.var(axis=0))
+
+    tell("tracing", 0.5)
+    count = 0
+
+    def report(step: Step) -> None:
+        nonlocal count
+        count += 1
+        what = "" if step.slot is None else f" {step.slot.effect}"
+        tell(f"{step.action}{what}", min(0.5 + 0.02 * count, 0.85))
+
+    steps = search(judge, slots, report)
+    chosen = _drop_guesses(judge, list(steps[-1].slots))
+    tell("asking what the data cannot tell", 0.9)
+    refit(evidence, chosen)
+    alternatives = indistinguishable(judge, chosen, slots)
+    disagreeing = inconsistent(judge, chosen)
+    open_parameters = {s: undetermined(evidence, chosen, s) for s in chosen}
+
+    models = [base, *(model_of(evidence, chosen[: k + 1]) for k in range(len(chosen)))]
+    held = np.sqrt(judge.mean_square(evidence.held_out(chosen, physical=True)))
+    initial = np.sqrt(judge.mean_square(evidence.held_out([])))
+    model = models[-1]
+    seen = floor > 0
+    tolerated = np.sqrt(1 + settings.floor_tolerance**2) * floor
+    explained = ~seen | (held <= tolerated)
+    excess = np.maximum(initial**2 - floor**2, 1e-300)
+    left = np.where(seen, np.maximum(held**2 - floor**2, 0.0) / np.maximum(excess, held**2 - floor**2 + 1e-300), 0.0)
+
+    tell("describing what is left", 0.95)
+    unexplained = [
+        {
+            "joint": robot.joint_names[j],
+            "share_of_residual_variance": float(left[j]),
+            "expression": expression_of(model, runs, int(j)),
+        }
+        for j in np.flatnonzero(~explained)
+    ]
+    rms = [moving_rms(m, tests) for m in models]
+    entries = []
+    for k, (slot, effect) in enumerate(zip(chosen, model.effects[len(base.effects) :], strict=True)):
+        entry = effect_to_json(effect)
+        entry["indistinguishable_from"] = alternatives.get(slot, [])
+        if open_parameters[slot]:
+            entry["undetermined_parameters"] = open_parameters[slot]
+        if slot in disagreeing:
+            entry["inconsistent_between_runs"] = disagreeing[slot]
+            which = ", ".join(d["parameter"] for d in disagreeing[slot])
+            notes.append(f"{slot.effect}{_where(robot, slot)}: {which} differ between runs beyond their uncertainty")
+        entry["test_rmse_before"] = [float(v) for v in rms[k]]
+        entry["test_rmse_after"] = [float(v) for v in rms[k + 1]]
+        entries.append(entry)
+    diagnosis = {
+        "schema": 1,
+        "robot": robot.name,
+        "joints": list(robot.joint_names),
+        "verdict": verdict_of(bool(chosen), explained),
+        "effects": entries,
+        "error": _before_after(base, model, runs, tests, False),
+        "error_moving": _before_after(base, model, runs, tests, True),
+        "noise_floor": [float(v) for v in floor],
+        "unexplained": unexplained,
+        "not_identifiable": [
+            {"joint": robot.joint_names[j], "why": "the joint never moves in the training runs; its effects are not sought"}
+            for j in np.flatnonzero(~moving)
+        ],
+        "notes": notes,
+    }
+    diagnosis = rounded(diagnosis)
+    validate_diagnosis(diagnosis)
+    tell("done", 1.0)
+    return LoopResult(
+        model, diagnosis, tuple(steps), tuple(models), tuple(runs), tuple(tests), floor, tuple(notes)
+    )
+
+
+def _where(robot: Robot, slot: Slot) -> str:
+    return "" if slot.joint is None else f" of {robot.joint_names[slot.joint]}"
+
+
+def _before_after(base: Model, model: Model, runs: list[Run], tests: list[Run], moving: bool) -> dict[str, Any]:
+    return {
+        name: {"before": errors_of(base, part, moving), "after": errors_of(model, part, moving)}
+        for name, part in (("train", runs), ("test", tests))
+    }
+
+
+def _hold_out(
+    train: list[Trajectory], test: list[Trajectory], settings: LoopSettings
+) -> tuple[list[Trajectory], list[Trajectory], list[str]]:
+    """Test runs where there are none: the last part of every training run, after a gap."""
+    notes = []
+    if not test:
+        kept = []
+        for run in train:
+            rows = len(run.time)
+            cut = int((1 - settings.held_out_share) * rows)
+            gap = min(int(settings.held_out_gap / run.dt), rows // 10)
+            kept.append(run.rows(slice(0, cut)))
+            test.append(replace(run.rows(slice(cut + gap, rows)), split="test", name=f"{run.name} (held out)"))
+        train = kept
+        notes.append(
+            f"no test run is given: the last {settings.held_out_share:.0%} of every training run are held out; whether "
+            "the result carries over to other motions is not shown"
+        )
+    if len(train) == 1:
+        notes.append(
+            f"one training run only: candidates are validated on {settings.time_folds} parts of it in turn; what is "
+            "particular to this run cannot be told from what belongs to the robot"
+        )
+    return train, test, notes
+
+
+def _drop_guesses(judge: Judge, chosen: list[Slot]) -> list[Slot]:
+    """Take back single-joint names on joints where more than half of the excess over the floor stays."""
+    evidence = judge.evidence
+    before = judge.mean_square(evidence.held_out([]))
+    after = judge.mean_square(evidence.held_out(chosen, physical=True))
+    floor = judge.floor**2
+    guessed = (after - floor) > np.maximum(0.5 * (before - floor), judge.settings.floor_tolerance**2 * floor)
+    kept = [s for s in chosen if s.family().scope != "joint" or not guessed[int(s.joint or 0)]]
+    if len(kept) != len(chosen):
+        refit(evidence, kept)
+    return kept
