@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -403,6 +404,44 @@ def test_stray_stamps_return_to_the_tick_that_fits_the_motion() -> None:
     untouched, none = repair_stamps(time, q, dq, 0.002)
     assert none == 0
     np.testing.assert_array_equal(untouched, time)
+
+
+RECORDINGS = Path(os.environ.get("HYBRID_DYNAMICS_MIRROR", "")) / "shamilmamedov/dynamic_calibration/dataset_ur10e"
+needs_recordings = pytest.mark.skipif(
+    not RECORDINGS.is_dir(), reason="no UR10e recordings: set HYBRID_DYNAMICS_MIRROR to a mirror folder"
+)
+
+
+@needs_recordings
+@pytest.mark.parametrize(
+    ("file", "known"),
+    [
+        ("identification_data/ur-20_02_10-30sec_12harm.csv", (635, 3510)),
+        ("identification_data/ur-20_02_12-40sec_12harm.csv", (500, 4460)),
+        ("identification_data/ur-20_02_12-50sec_12harm.csv", (355, 5090)),
+        ("identification_data/ur-20_02_19_14harm50sec.csv", (195, 4966)),
+        ("identification_data/ur-20_02_19_14harm50secLoad.csv", (308, 5071)),
+    ],
+)
+def test_automatic_windows_agree_with_the_authors(file: str, known: tuple[int, int]) -> None:
+    said: list[str] = []
+    read_ur10e(RECORDINGS / file, "ur", "train", notify=said.append)
+    found = re.search(r"rows (\d+) to (\d+)", " ".join(line for line in said if "window" in line))
+    assert found is not None
+    # A third of a second at either end: the authors' windows differ in how much standstill they keep.
+    assert abs(int(found[1]) - known[0]) <= 30
+    assert abs(int(found[2]) - known[1]) <= 30
+
+
+@needs_recordings
+def test_damaged_recording_is_read_without_its_damaged_rows() -> None:
+    said: list[str] = []
+    path = RECORDINGS / "identification_data/ur-20_02_19_15harm50secLoad.csv"
+    run = read_ur10e(path, "ur", "train", notify=said.append)
+    assert "10 corrupted rows of 6107 dropped: rows 2-10, 6107" in said[0]
+    # Position, velocity and stamps belong together: encoder steps of 6e-5 rad remain.
+    misfit = np.diff(run["q"], axis=0) - (run["dq"][1:] + run["dq"][:-1]) / 2 * run.dt
+    assert np.sqrt(np.mean(misfit**2, axis=0)).max() < 1e-4
 
 
 # WAM -------------------------------------------------------------------------------------------------------------

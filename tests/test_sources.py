@@ -250,6 +250,36 @@ def test_missing_network_is_found_once(tmp_path: Path) -> None:
     assert len(calls) == 1
 
 
+def test_proxy_that_refuses_is_named(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("no_proxy", "NO_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+    # The server answers CONNECT with an error, like a proxy that does not let the host through.
+    monkeypatch.setenv("https_proxy", server.base_url.removesuffix("/{path}"))
+    file = pinned("run.csv", BLOB)
+    data = DataSource(settings(file), tmp_path / "raw", base_url="https://data.invalid/{path}", download=FAST)
+    with pytest.raises(SourceError) as error:
+        fetch(data, tmp_path / "out", "recorded")
+    assert "the proxy of this environment refuses the connection" in one_line(error)
+
+
+def test_silent_name_lookup_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Name look-up knows no time limit; the search for a network must end all the same."""
+    release = threading.Event()
+
+    def hang(*_: object) -> None:
+        release.wait(30)
+        raise OSError("gave up")
+
+    monkeypatch.setattr("socket.create_connection", hang)
+    patience = DownloadSettings(connect_timeout=0.1)
+    data = DataSource(settings(pinned("run.csv", BLOB)), tmp_path / "raw", download=patience)
+    said: list[str] = []
+    report = fetch(data, tmp_path / "out", notify=said.append)
+    release.set()
+    assert report.provenance == SIMULATED_TWIN
+    assert "no network: raw.githubusercontent.com cannot be reached (no answer)" in said[0]
+
+
 def test_recording_arrives_later_and_replaces_the_twin(tmp_path: Path) -> None:
     file = pinned("run.csv", BLOB)
     assert fetch(source(None, tmp_path, file), tmp_path / "out", notify=lambda _: None).provenance == SIMULATED_TWIN
