@@ -1,10 +1,9 @@
-"""Learned expressions: parsing them without ``eval``, their terms, and printing them as MathML or LaTeX."""
+"""Learned expressions as people read them: their terms, MathML for the page, LaTeX for the notebook."""
 
 from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -12,29 +11,11 @@ import sympy
 from sympy.printing.latex import LatexPrinter
 from sympy.printing.mathml import MathMLPresentationPrinter
 
-from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.models.expressions import parse_expression
 
 #: Expressions with more characters are described (number of terms), not typeset.
 LONGEST = 2000
-_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "sign": sympy.sign,
-    "abs": sympy.Abs,
-    "Abs": sympy.Abs,
-    "sin": sympy.sin,
-    "cos": sympy.cos,
-    "tan": sympy.tan,
-    "exp": sympy.exp,
-    "log": sympy.log,
-    "sqrt": sympy.sqrt,
-    "tanh": sympy.tanh,
-}
-_OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
-    ast.Add: lambda a, b: a + b,
-    ast.Sub: lambda a, b: a - b,
-    ast.Mult: lambda a, b: a * b,
-    ast.Div: lambda a, b: a / b,
-    ast.Pow: lambda a, b: a**b,
-}
+_WORD = re.compile(r"[A-Za-z_]\w*")
 _NAME = re.compile(r"^(tau_inertia|tau_coriolis|tau_gravity|dddq|ddq|dq|q)([0-9]+)$")
 _SYMBOLS = {
     "q": ("q", ""),
@@ -60,44 +41,8 @@ _LATEX = {
 
 @lru_cache(maxsize=512)
 def parse(expression: str) -> sympy.Expr:
-    """The SymPy form of ``expression``; only arithmetic, names and a few functions are read, nothing is evaluated."""
-    try:
-        tree = ast.parse(expression.strip(), mode="eval")
-    except (SyntaxError, ValueError, RecursionError):
-        raise InputError(f"expression {_short(expression)}: not readable; expected SymPy syntax") from None
-    return _convert(tree.body, expression)
-
-
-def _convert(node: ast.AST, text: str) -> Any:
-    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-        # A long sum is a deep tree: collect it in a loop instead of recursing through it.
-        if isinstance(node.op, ast.Add | ast.Sub):
-            return sympy.Add(*_summands(node, text))
-        return _OPERATORS[type(node.op)](_convert(node.left, text), _convert(node.right, text))
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-        value = _convert(node.operand, text)
-        return -value if isinstance(node.op, ast.USub) else value
-    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
-        return sympy.Float(node.value) if isinstance(node.value, float) else sympy.Integer(node.value)
-    if isinstance(node, ast.Name):
-        return sympy.Symbol(node.id, real=True)
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS:
-        return _FUNCTIONS[node.func.id](*[_convert(argument, text) for argument in node.args])
-    raise InputError(f"expression {_short(text)}: {type(node).__name__} is not allowed; expected SymPy arithmetic")
-
-
-def _summands(node: ast.AST, text: str) -> list[Any]:
-    out: list[Any] = []
-    while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
-        right = _convert(node.right, text)
-        out.append(-right if isinstance(node.op, ast.Sub) else right)
-        node = node.left
-    out.append(_convert(node, text))
-    return out[::-1]
-
-
-def _short(text: str) -> str:
-    return repr(text if len(text) <= 60 else text[:57] + "...")
+    """The SymPy form of ``expression``, whatever its variables are called; nothing is evaluated."""
+    return parse_expression(expression, set(_WORD.findall(expression)), real=True)
 
 
 def number_of_terms(expression: str) -> int:

@@ -168,7 +168,7 @@ def residuals(table: pd.DataFrame, split: str, method: str, title: str) -> Figur
 
 
 def fronts(table: pd.DataFrame, methods: Sequence[str], title: str) -> Figure:
-    """Pareto fronts of symbolic regression per joint: loss of the first round against complexity, a line a method."""
+    """Pareto fronts of symbolic regression per joint: first round (line) and the whole re-fitted expression (star)."""
     joints = sorted(table["joint"].unique())
     with matplotlib.rc_context(STYLE):
         columns = 4 if len(joints) > 3 else len(joints)
@@ -179,26 +179,29 @@ def fronts(table: pd.DataFrame, methods: Sequence[str], title: str) -> Figure:
                 continue
             for k, method in enumerate(methods):
                 own = table[(table["joint"] == joints[place]) & (table["method"] == method)]
-                own = own[own["round"] == own["round"].min()].sort_values("complexity")
-                loss = own["loss"].clip(lower=1e-16)
-                axis.plot(
-                    own["complexity"],
-                    loss,
-                    marker="o",
-                    markersize=2.8,
-                    drawstyle="steps-post",
-                    color=METHOD_COLOURS[k % len(METHOD_COLOURS)],
-                    label=label(method),
-                )
+                first, final = _front_parts(own)
+                shade = METHOD_COLOURS[k % len(METHOD_COLOURS)]
+                style = {"marker": "o", "markersize": 2.8, "drawstyle": "steps-post"}
+                axis.plot(first["complexity"], first["loss"], color=shade, label=label(method), **style)
+                axis.plot(final["complexity"], final["loss"], "*", color=shade, markersize=9, markeredgecolor="white")
             axis.set_yscale("log")
             axis.set_title(f"joint {joints[place]}", loc="left", pad=2)
             if place % columns == 0:
-                axis.set_ylabel("loss (mean square / variance)")
+                axis.set_ylabel("mean square error [N² m²]")
             if place + columns >= len(joints):
                 axis.set_xlabel("complexity [nodes]")
         figure.suptitle(title, x=0.01, ha="left", fontsize=9.5)
         _legend(figure, axes[0, 0], "")
         return figure
+
+
+def _front_parts(front: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Candidates of the first round, and the selected re-fitted expression (empty where the front names none)."""
+    front = front.assign(loss=front["loss"].clip(lower=1e-16)).sort_values("complexity")
+    kind = front["kind"] if "kind" in front else pd.Series("search", index=front.index)
+    search = front[kind == "search"]
+    refit = front[kind == "refit"]
+    return search[search["round"] == search["round"].min()], refit[refit["round"] == refit["round"].max()]
 
 
 def error_bars(table: pd.DataFrame, title: str) -> Figure:

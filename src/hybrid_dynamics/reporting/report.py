@@ -140,8 +140,12 @@ def _dataset(page: _Page, result: DatasetResults, study: StudyInputs, folder: Pa
     if len(result.fronts):
         page.heading(3, "Pareto fronts", f"{result.name}-fronts")
         methods = in_order(result.fronts["method"])
-        drawn = figures.fronts(result.fronts, methods, f"{result.title}: complexity against loss, first round")
-        page.add(_figure(drawn, folder / f"{result.name}_fronts.svg", "Accuracy bought by each further node."))
+        drawn = figures.fronts(result.fronts, methods, f"{result.title}: complexity against error")
+        caption = (
+            "What each further node buys: candidates of the first round (line) and the expression after all rounds, "
+            "its constants fitted again (star)."
+        )
+        page.add(_figure(drawn, folder / f"{result.name}_fronts.svg", caption))
     page.heading(3, "Motion", f"{result.name}-motion")
     page.add(*_motion_figures(result, folder))
 
