@@ -51,7 +51,7 @@ def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
 
 @contextmanager
 def measured(path: Path) -> Iterator[None]:
-    """Write wall time [s] and peak memory [MB] of the block to ``path``, a file no cached stage but the report reads."""
+    """Write wall time [s] and peak memory [MB] of the block to ``path``, which no cached stage but the report reads."""
     started = time.perf_counter()
     yield
     peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1024

@@ -9,6 +9,7 @@ from pathlib import Path
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.readers import Notify, Ur10eSettings, read_log, read_ur10e, read_wam, read_wam_reference
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
+from hybrid_dynamics.robots.dh import DHLimit, DHLink, DHRow, dh_to_urdf
 from hybrid_dynamics.simulation import (
     ControllerSettings,
     Reference,
@@ -26,16 +27,28 @@ SOURCE = "source:"
 
 
 @dataclass(frozen=True)
+class DHSettings:
+    """A robot as a standard Denavit-Hartenberg table with link inertials, one entry a joint."""
+
+    name: str
+    joint_names: tuple[str, ...]
+    rows: tuple[DHRow, ...]
+    links: tuple[DHLink, ...]
+    limits: tuple[DHLimit, ...]
+
+
+@dataclass(frozen=True)
 class RobotSettings:
     """Where the robot's description is and which joints are fixed.
 
     ``urdf``: a path, ``package:<end of path>`` (a file of example-robot-data) or ``source:<path>`` (a file of the
-    dataset's source); ``fallback``: the same, for a source that cannot be had.
+    dataset's source); ``fallback``: the same, for a source that cannot be had. Or ``dh``: a Denavit-Hartenberg table.
     """
 
-    urdf: str
+    urdf: str = ""
     fallback: str = ""
     lock: tuple[str, ...] = ()
+    dh: DHSettings | None = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +89,9 @@ def robot_description(settings: RobotSettings, source: Path | None = None) -> st
 
     Raises :class:`InputError` where neither the description nor its fallback is there.
     """
+    if settings.dh is not None:
+        table = settings.dh
+        return dh_to_urdf(table.name, table.joint_names, table.rows, table.links, table.limits)
     for place in filter(None, (settings.urdf, settings.fallback)):
         path = _resolve(place, source)
         if path is not None and path.is_file():
