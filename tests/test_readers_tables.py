@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -168,6 +168,31 @@ def test_bad_table_is_refused_by_name(tmp_path: Path, case: str) -> None:
         assert part in text
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+@given(
+    position=st.floats(0.02, 1),
+    garbage=st.binary(min_size=1, max_size=30),
+    length=st.integers(0, 60),
+    cut=st.booleans(),
+)
+@hypothesis_settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_damaged_bytes_are_refused_or_harmless(
+    tmp_path: Path, position: float, garbage: bytes, length: int, cut: bool
+) -> None:
+    """Whatever bytes stand in a log: a finite, evenly sampled run or one line, never another exception."""
+    content = csv_text(UNIFORM[:80]).encode()
+    at = int(position * len(content))
+    path = tmp_path / "run.csv"
+    path.write_bytes(content[:at] + garbage + (b"" if cut else content[at + length :]))
+    message = ""
+    try:
+        parts = read_pieces(path, JOINTS)
+    except InputError as error:
+        parts, message = [], str(error)
+    assert parts or message
+    assert "\n" not in message
+    assert all(np.isfinite(part[s]).all() for part in parts for s in ("q", "dq", "tau"))
 
 
 def test_wrong_number_of_joints(tmp_path: Path) -> None:

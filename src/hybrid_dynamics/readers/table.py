@@ -140,8 +140,8 @@ def _load_csv(file: Path) -> pa.Table:
     try:
         table = pacsv.read_csv(
             file,
-            # One thread: otherwise rows are not numbered.
-            read_options=pacsv.ReadOptions(use_threads=False, column_names=names, skip_rows=1),
+            # One thread, or rows are not numbered; Latin-1, so that any byte is some letter and names its column.
+            read_options=pacsv.ReadOptions(use_threads=False, column_names=names, skip_rows=1, encoding="latin1"),
             parse_options=pacsv.ParseOptions(invalid_row_handler=refuse, ignore_empty_lines=False),
             convert_options=pacsv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
         )
