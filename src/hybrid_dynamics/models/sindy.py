@@ -87,7 +87,11 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
         self.settings = settings
 
     def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self:
-        """Fit to ``X`` (N, 7n) and ``y`` (N, n) [N m]; ``variance`` is not needed here."""
+        """Fit to ``X`` (N, 7n) and ``y`` (N, n) [N m].
+
+        With ``scaled`` the target is divided by the square root of ``variance`` (n,), the variance of the whole torque
+        (default: of ``y``): a coefficient of a small residual need not be as fine as the residual is small.
+        """
         X, y = check_data(X, y)
         settings = self.settings or SindySettings()
         self.n_joints_ = y.shape[1]
@@ -102,6 +106,9 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
             spread = np.linalg.norm(factor[1:], axis=0) / np.sqrt(len(X))
             spread[spread < _SMALLEST_STD] = 1.0
             columns, torque = spread[:width], spread[width:]
+            if variance is not None:
+                torque = np.sqrt(variance)
+                torque[torque < _SMALLEST_STD] = 1.0
         optimizer = STLSQ(
             threshold=settings.threshold,
             alpha=settings.alpha,
