@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from hybrid_dynamics.differentiate.differences import central_difference
+from hybrid_dynamics.differentiate.edges import transient_samples
+from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
 from hybrid_dynamics.errors import ConfigError, InputError
 
 Array = NDArray[np.float64]
 
 ORDER = 4
-#: Length of the filter's transient in periods of the cut-off frequency: what is padded before, and trimmed after.
-TRANSIENT_PERIODS = 2.0
 
 
 def design(cutoff_hz: float, dt: float, order: int = ORDER) -> Array:
@@ -32,11 +33,6 @@ def response(frequency: Array, cutoff_hz: float, dt: float, order: int = ORDER) 
     return np.asarray(1 / (1 + (np.sqrt(2) - 1) * ratio ** (2 * order)))
 
 
-def transient_samples(cutoff_hz: float, dt: float) -> int:
-    """Samples at each end in which the filter still feels the edge."""
-    return int(np.ceil(TRANSIENT_PERIODS / (cutoff_hz * dt)))
-
-
 def lowpass(x: Array, dt: float, cutoff_hz: float, order: int = ORDER) -> Array:
     """``x`` (T,) or (T, n) without what lies above ``cutoff_hz``; forward and backward, so nothing is delayed."""
     x = np.asarray(x, float)
@@ -44,3 +40,16 @@ def lowpass(x: Array, dt: float, cutoff_hz: float, order: int = ORDER) -> Array:
     if pad < 1:
         raise InputError(f"{len(x)} samples cannot be filtered; give a longer run")
     return np.asarray(signal.sosfiltfilt(design(cutoff_hz, dt, order), x, axis=0, padtype="odd", padlen=pad))
+
+
+def _column(x: Array, dt: float, value: float, /, order: int = ORDER) -> tuple[Array, Array]:
+    smooth = lowpass(x, dt, value, order)
+    return smooth, central_difference(smooth, dt)
+
+
+def _response(frequency: Array, dt: float, value: float, order: int = ORDER) -> Array:
+    return response(frequency, value, dt, order)
+
+
+#: ``butterworth(x, dt, cutoff_hz=..., order=...)``: zero-phase low-pass, then seven-point central differences.
+METHOD = Method("butterworth", "cutoff_hz", _column, cutoff_candidates, _response, ("order",))

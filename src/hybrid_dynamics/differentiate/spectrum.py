@@ -11,7 +11,6 @@ domain and for derivatives). Every linear method of this package chooses its par
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,14 +20,13 @@ from scipy import signal
 from hybrid_dynamics.errors import InputError
 
 Array = NDArray[np.float64]
-Response = Callable[[Array], Array]
 
 MIN_SAMPLES = 64
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """One-sided densities of one signal: ``frequency`` (F,) [Hz], ``power`` and ``noise`` (F,) [unit^2/Hz].
+    """One-sided densities of one signal: ``frequency`` (F,) [Hz], ``power``, ``signal``, ``noise`` (F,) [unit^2/Hz].
 
     ``noise_std`` [unit] is the standard deviation of the broadband noise, ``bandwidth`` [Hz] the knee of the spectrum,
     where the motion sinks into the noise.
@@ -36,22 +34,21 @@ class Spectrum:
 
     frequency: Array
     power: Array
+    signal: Array
     noise: Array
     noise_std: float
     bandwidth: float
 
-    def risk(self, response: Response, derivative: int) -> float:
-        """Estimated mean square error [(unit/s^m)^2] of the m-th derivative behind a smoother H = ``response(f)``."""
-        h = response(self.frequency)
-        signal_power = self.power - self.noise
+    def risk(self, gain: Array, derivative: int) -> float:
+        """Estimated mean square error [(unit/s^m)^2] of the m-th derivative behind a smoother with ``gain`` H (F,)."""
         weight = (2 * np.pi * self.frequency) ** (2 * derivative)
-        return float(np.sum(weight * ((1 - h) ** 2 * signal_power + h**2 * self.noise)) * self.frequency[1])
+        return float(np.sum(weight * ((1 - gain) ** 2 * self.signal + gain**2 * self.noise)) * self.frequency[1])
 
     def signal_variance(self, derivative: int) -> float:
         """Variance of the m-th derivative of the noise-free signal, up to the bandwidth [(unit/s^m)^2]."""
         keep = self.frequency <= self.bandwidth
         weight = (2 * np.pi * self.frequency[keep]) ** (2 * derivative)
-        return float(np.sum(weight * np.clip(self.power[keep] - self.noise[keep], 0, None)) * self.frequency[1])
+        return float(np.sum(weight * np.clip(self.signal[keep], 0, None)) * self.frequency[1])
 
 
 def estimate_spectrum(x: Array, dt: float) -> Spectrum:
@@ -70,7 +67,10 @@ def estimate_spectrum(x: Array, dt: float) -> Spectrum:
         x, fs=1 / dt, window=window, nperseg=length, noverlap=length - length // 4, detrend="linear"
     )
     noise, bandwidth = _noise_density(frequency, power)
-    return Spectrum(frequency, power, noise, float(np.sqrt(np.sum(noise) * frequency[1])), bandwidth)
+    # Above the knee power - noise is chance; the signal goes on falling as 1/f^6 from the noise that it met there.
+    tail = noise * (bandwidth / np.maximum(frequency, bandwidth)) ** 6
+    motion = np.where(frequency < bandwidth, power - noise, tail)
+    return Spectrum(frequency, power, motion, noise, float(np.sqrt(np.sum(noise) * frequency[1])), bandwidth)
 
 
 def _octave_mean(frequency: Array, power: Array) -> Array:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.differentiate import butterworth
+from hybrid_dynamics.differentiate.chain import derivatives
 from hybrid_dynamics.differentiate.differences import central_difference
+from hybrid_dynamics.differentiate.edges import transient_samples
+from hybrid_dynamics.differentiate.registry import get_method
 from hybrid_dynamics.differentiate.settings import ZOH, DifferentiateSettings
 from hybrid_dynamics.differentiate.spectrum import Spectrum, estimate_spectrum
-from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -30,8 +32,9 @@ def differentiate_trajectory(
     """``q dq ddq dddq tau`` of ``trajectory`` and a report of what was chosen (JSON values).
 
     ``trajectory`` holds ``q tau`` and perhaps ``dq`` on a uniform grid. The report holds ``method``, ``dt`` [s],
-    ``cutoff_hz``, per joint ``noise_std`` and ``bandwidth_hz`` of the signal that was differentiated
-    (``source``: ``q`` [rad] or ``dq`` [rad/s]), ``trim_s`` and ``trim_rows`` at the start and end, ``torque_filter``.
+    ``cutoff_hz``, per joint ``noise_std`` and ``bandwidth_hz`` of the signal that was differentiated (``source``: ``q``
+    [rad] or ``dq`` [rad/s]), the method's ``parameter`` and, per derivative and joint, its ``parameters``, ``trim_s``
+    and ``trim_rows`` at the start and end, ``torque_filter``.
     Raises :class:`InputError` for an uneven grid, a run that is too short, a missing velocity where it is needed.
     """
     steps = np.diff(trajectory.time)
@@ -46,7 +49,7 @@ def differentiate_trajectory(
         )
     if settings.method == ZOH:
         return _zero_order_hold(trajectory, dt)
-    return _butterworth(trajectory, dt, settings)
+    return _recorded(trajectory, dt, settings)
 
 
 def _zero_order_hold(trajectory: Trajectory, dt: float) -> tuple[Trajectory, dict[str, Any]]:
@@ -89,45 +92,83 @@ def choose_cutoff(spectra: list[Spectrum], dt: float, order: int, derivative: in
         if scale <= 0:
             continue
         for i, cutoff in enumerate(cutoffs):
-            total[i] += (
-                spectrum.risk(partial(butterworth.response, cutoff_hz=cutoff, dt=dt, order=order), derivative) / scale
-            )
+            gain = butterworth.response(spectrum.frequency, cutoff, dt, order)
+            total[i] += spectrum.risk(gain, derivative) / scale
     return float(cutoffs[np.argmin(total)])
 
 
-def _butterworth(
-    trajectory: Trajectory, dt: float, settings: DifferentiateSettings
-) -> tuple[Trajectory, dict[str, Any]]:
-    """Every column through the same zero-phase low-pass (parallel filtering), derivatives by central differences."""
+def _recorded(trajectory: Trajectory, dt: float, settings: DifferentiateSettings) -> tuple[Trajectory, dict[str, Any]]:
+    """Smooth and differentiate a recorded run; velocity is used where it is given."""
     source = "dq" if "dq" in trajectory else "q"
-    measured = trajectory[source]
-    spectra = [estimate_spectrum(measured[:, j], dt) for j in range(trajectory.n_joints)]
-    cutoff, order = settings.cutoff_hz, settings.order
+    order, cutoff = settings.order, settings.cutoff_hz
     if cutoff == 0:
+        spectra = [estimate_spectrum(column, dt) for column in trajectory[source].T]
         cutoff = choose_cutoff(spectra, dt, order, TARGET_DERIVATIVE - (source == "dq"))
-    q = butterworth.lowpass(trajectory["q"], dt, cutoff, order)
-    dq = butterworth.lowpass(measured, dt, cutoff, order) if source == "dq" else central_difference(q, dt)
-    ddq = central_difference(dq, dt)
-    dddq = central_difference(ddq, dt)
     tau = butterworth.lowpass(trajectory["tau"], dt, cutoff, order)
-    trim = butterworth.transient_samples(cutoff, dt) if settings.trim_s < 0 else round(settings.trim_s / dt)
-    if len(q) - 2 * trim < MIN_ROWS:
+    signals, found = _motion(trajectory, dt, settings, source, cutoff)
+    trim = max(found.pop("edge"), transient_samples(cutoff, dt))
+    if settings.trim_s >= 0:
+        trim = round(settings.trim_s / dt)
+    rows = len(trajectory.time)
+    if rows - 2 * trim < MIN_ROWS:
         raise InputError(
-            f"trajectory {trajectory.name}: {len(q)} rows leave too few after {trim} are trimmed at each end; give a "
+            f"trajectory {trajectory.name}: {rows} rows leave too few after {trim} are trimmed at each end; give a "
             "longer run, or set differentiate.trim_s or a higher differentiate.cutoff_hz"
         )
-    signals = {"q": q, "dq": dq, "ddq": ddq, "dddq": dddq, "tau": tau}
-    out = Trajectory(trajectory.name, trajectory.split, trajectory.time, signals).rows(slice(trim, len(q) - trim))
+    whole = Trajectory(trajectory.name, trajectory.split, trajectory.time, {**signals, "tau": tau})
     report = {
         "method": settings.method,
         "dt": dt,
         "source": source,
         "cutoff_hz": cutoff,
         "order": order,
-        "noise_std": [s.noise_std for s in spectra],
-        "bandwidth_hz": [s.bandwidth for s in spectra],
+        **found,
         "trim_rows": [trim, trim],
         "trim_s": [trim * dt, trim * dt],
         "torque_filter": f"zero-phase Butterworth, order {order}, {cutoff:.3g} Hz",
     }
-    return out, report
+    return whole.rows(slice(trim, rows - trim)), report
+
+
+def _motion(
+    trajectory: Trajectory, dt: float, settings: DifferentiateSettings, source: str, cutoff: float
+) -> tuple[dict[str, Array], dict[str, Any]]:
+    """``q dq ddq dddq`` and what was chosen.
+
+    ``butterworth`` sends every column through the low-pass of the torque, once (parallel filtering: what holds between
+    torque and motion holds between the filtered ones, but for products of signals). Other methods choose their own
+    smoothing per joint and derivative; the torque's low-pass then has the bandwidth best for the acceleration.
+    """
+    method = get_method(settings.method)
+    options = dict(settings.options)
+    if method is butterworth.METHOD:
+        for name in (method.parameter, "order"):
+            if name in options:
+                raise ConfigError(f"differentiate.options.{name}: set differentiate.{name} instead")
+        options.update({method.parameter: cutoff, "order": settings.order})
+        measured = trajectory[source]
+        values = [butterworth.lowpass(measured, dt, cutoff, settings.order)]
+        for _ in range(3 if source == "q" else 2):
+            values.append(central_difference(values[-1], dt))
+        spectra = [estimate_spectrum(column, dt) for column in measured.T]
+        noise, bandwidth = [s.noise_std for s in spectra], [s.bandwidth for s in spectra]
+        position = butterworth.lowpass(trajectory["q"], dt, cutoff, settings.order)
+        parameters: list[Array] = []
+    else:
+        chain = derivatives(trajectory[source], dt, method, 3 if source == "q" else 2, **options)
+        values, parameters = chain.values, chain.parameters
+        noise, bandwidth = chain.noise_std.tolist(), chain.bandwidth.tolist()
+        position = values[0]
+        if source == "dq":
+            own = {name: value for name, value in options.items() if name != method.parameter}
+            position = derivatives(trajectory["q"], dt, method, 1, **own).values[0]
+    names = ("q", "dq", "ddq", "dddq") if source == "q" else ("dq", "ddq", "dddq")
+    edges = [method.edge(float(v), dt) for p in parameters for v in p]
+    found = {
+        "noise_std": noise,
+        "bandwidth_hz": bandwidth,
+        "parameter": method.parameter,
+        "parameters": {n: p.tolist() for n, p in zip(names[1:], parameters, strict=False)},
+        "edge": max(edges, default=0),
+    }
+    return {"q": position, **dict(zip(names, values, strict=True))}, found

@@ -1,0 +1,62 @@
+"""Savitzky-Golay: in each window a polynomial by least squares, its value and slope in the middle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.interpolate import CubicSpline
+
+from hybrid_dynamics.differentiate.method import Method
+from hybrid_dynamics.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+DEGREE = 4
+
+
+def _window(value: float, degree: int, rows: int) -> int:
+    """The odd number of samples nearest to ``value``."""
+    window = 2 * round((value - 1) / 2) + 1
+    if not degree < window <= rows:
+        raise ConfigError(f"savitzky_golay: window is {value:g} samples; expected {degree + 1} to {rows}")
+    return int(window)
+
+
+def _column(x: Array, dt: float, value: float, /, degree: int = DEGREE) -> tuple[Array, Array]:
+    window = _window(value, degree, len(x))
+    return (
+        signal.savgol_filter(x, window, degree),
+        signal.savgol_filter(x, window, degree, deriv=1, delta=dt),
+    )
+
+
+def _response(frequency: Array, dt: float, value: float, degree: int = DEGREE) -> Array:
+    window = _window(value, degree, 10**9)
+    half = window // 2
+    weights = signal.savgol_coeffs(window, degree, deriv=1, use="dot")[half + 1 :]
+    # Odd weights: the response is 2i sum w_k sin(k omega dt), over the exact i omega dt. It is 1 - O(omega^p); what is
+    # tabulated and interpolated is the smooth factor of omega^p, so that slow motion keeps its digits.
+    length = 16 * (1 << int(np.ceil(np.log2(window))))
+    padded = np.zeros(length)
+    padded[1 : half + 1] = weights
+    angle = 2 * np.pi * np.arange(1, length // 2 + 1) / length
+    power = 2 * ((degree + 1) // 2)
+    factor = (1 + 2 * np.fft.rfft(padded).imag[1:] / angle) / angle**power
+    at = 2 * np.pi * frequency * dt
+    return np.asarray(1 - CubicSpline(angle, factor)(np.maximum(at, angle[0])) * at**power)
+
+
+def _candidates(x: Array, dt: float) -> Array:
+    """Odd windows from a quarter of the run (at most 4 s) down to seven samples, 30 a decade."""
+    longest = max(min(len(x) // 4, round(4 / dt)), 9)
+    count = max(int(30 * np.log10(longest / 7)), 2)
+    return np.unique(2 * np.round((np.geomspace(7, longest, count) - 1) / 2) + 1)[::-1]
+
+
+def _edge(value: float, dt: float) -> int:
+    return int(value // 2)
+
+
+#: ``savitzky_golay(x, dt, window=..., degree=...)``; ``window`` in samples (odd).
+METHOD = Method("savitzky_golay", "window", _column, _candidates, _response, ("degree",), _edge, 0.67)
