@@ -2,8 +2,10 @@
 
 Over one sub-step h the velocity is v' = w - h M^-1 (f - f0), where w is the velocity under the friction torque f0. Dry
 friction is the f inside [-backward, forward] with f = forward where v' > 0, f = -backward where v' < 0 and v' = 0
-otherwise: a box-constrained problem with the positive definite matrix M^-1, solved by projected Gauss-Seidel. A joint
-that keeps moving sits at its bound, so its torque is exact whatever the number of sweeps.
+otherwise: a box-constrained problem with the positive definite matrix M^-1. It is solved by projected Newton steps: the
+joints that stick, or contradict their friction, are brought to rest together (one small linear system per run), their
+torques clipped to the box, and so on until nothing contradicts. A joint that keeps moving sits at its bound, so its
+torque is exact in any case.
 """
 
 from __future__ import annotations
@@ -14,12 +16,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_STEPS = 6
+_TOLERANCE = 1e-12
+
 
 class DrySolver:
-    """Projected Gauss-Seidel over the joints, vectorised over rollouts; holds M^-1 of the last configurations."""
+    """Box-constrained friction, vectorised over rollouts; holds M^-1 of the last configurations."""
 
-    def __init__(self, model: pin.Model, index: NDArray[np.int64], sweeps: int = 3) -> None:
-        self._model, self._data, self._index, self._sweeps = model, model.createData(), index, sweeps
+    def __init__(self, model: pin.Model, index: NDArray[np.int64]) -> None:
+        self._model, self._data, self._index = model, model.createData(), index
         self._minverse: Array | None = None
 
     def forget(self) -> None:
@@ -33,18 +38,25 @@ class DrySolver:
             self._minverse = np.stack(
                 [pin.computeMinverse(self._model, self._data, column)[grid] for column in configuration.T]
             )
-        inverse = h * self._minverse
-        for _ in range(self._sweeps):
-            wrong = np.flatnonzero(_violated(w, f, backward, forward).any(axis=0))
-            if not len(wrong):
+        matrix = h * self._minverse
+        identity = np.eye(w.shape[1])
+        for _ in range(_STEPS):
+            wrong = _violated(w, f, backward, forward)
+            if not wrong.any():
                 return
-            for j in wrong:
-                target = f[:, j] + w[:, j] / inverse[:, j, j]
-                target = np.maximum(np.minimum(target, forward[:, j]), -backward[:, j])
-                w -= inverse[:, :, j] * (target - f[:, j])[:, None]
-                f[:, j] = target
+            free = wrong | ((f > -backward) & (f < forward))
+            both = free[:, :, None] & free[:, None, :]
+            step = np.linalg.solve(np.where(both, matrix, identity), np.where(free, w, 0.0)[:, :, None])[:, :, 0]
+            new = np.maximum(np.minimum(f + step, forward), -backward)
+            w -= np.einsum("rij,rj->ri", matrix, new - f)
+            f[:] = new
+        # Two bounds that keep handing a joint to each other: settle joint by joint.
+        for j in range(w.shape[1]):
+            target = np.maximum(np.minimum(f[:, j] + w[:, j] / matrix[:, j, j], forward[:, j]), -backward[:, j])
+            w -= matrix[:, :, j] * (target - f[:, j])[:, None]
+            f[:, j] = target
 
 
-def _violated(w: Array, f: Array, backward: Array, forward: Array, tolerance: float = 1e-9) -> NDArray[np.bool_]:
+def _violated(w: Array, f: Array, backward: Array, forward: Array) -> NDArray[np.bool_]:
     """Where the velocity and the friction torque contradict each other."""
-    return ((w > tolerance) & (f < forward)) | ((w < -tolerance) & (f > -backward))
+    return ((w > _TOLERANCE) & (f < forward)) | ((w < -_TOLERANCE) & (f > -backward))

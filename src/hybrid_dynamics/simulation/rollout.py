@@ -108,16 +108,15 @@ def simulate(
     gravity = _Gravity(controller.robot)
     why: dict[int, str] = {}
     active = np.arange(len(references))
+    runs: slice | NDArray[np.int64] = slice(None)  # the active ones, without copying while all are
     state_q, state_dq = q_ref[0].copy(), dq_ref[0].copy()
     integral = np.zeros_like(state_q)
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(steps):
-            q[k, active], dq[k, active] = state_q, state_dq
-            error = q_ref[k, active] - state_q
-            torque = (
-                gravity(state_q) + controller.kp * error + integral + controller.kd * (dq_ref[k, active] - state_dq)
-            )
-            tau[k, active] = torque
+            q[k, runs], dq[k, runs] = state_q, state_dq
+            error = q_ref[k, runs] - state_q
+            torque = gravity(state_q) + controller.kp * error + integral + controller.kd * (dq_ref[k, runs] - state_dq)
+            tau[k, runs] = torque
             integral += controller.ki * controller.period * error
             np.maximum(integral, -controller.integral_limit, out=integral)
             np.minimum(integral, controller.integral_limit, out=integral)
@@ -125,7 +124,7 @@ def simulate(
             if (k + 1) % _BLOCK == 0 or k == steps - 1:
                 start = k - k % _BLOCK
                 lengths = np.array([len(references[int(r)].q) for r in active])
-                block = (slice(start, k + 1), active)
+                block = (slice(start, k + 1), runs)
                 found = _violations(robot, q[block], dq[block], tau[block])
                 for column, (row, message) in found.items():
                     if start + row < lengths[column]:
@@ -133,6 +132,7 @@ def simulate(
                 keep = np.array([int(r) not in why for r in active])
                 if not keep.all():
                     active, state_q, state_dq, integral = active[keep], state_q[keep], state_dq[keep], integral[keep]
+                    runs = active
                     plant.keep(keep)
                 if not len(active):
                     break
@@ -165,11 +165,7 @@ class _Plant:
             armature[robot._v] += 0.5 * self.h * self.damping
             model.armature = armature
         self.model, self.pool = model, pin.ModelPool(model, 1)
-        self.plain = (
-            model.nq == model.nv
-            and np.array_equal(robot._v, np.arange(model.nv))
-            and (np.array_equal(robot._q, np.arange(model.nq)))
-        )
+        self.plain = _is_plain(robot)
         self.dry = DrySolver(model, robot._v) if effects.dry else None
         self.friction: Array | None = None
         self.load: Array | None = None
@@ -227,12 +223,23 @@ class _Gravity:
     """Gravity torque (R, n) of the controller's robot."""
 
     def __init__(self, robot: Robot) -> None:
-        self.robot, self.pool = robot, pin.ModelPool(robot.model, 1)
+        self.robot, self.pool, self.plain = robot, pin.ModelPool(robot.model, 1), _is_plain(robot)
+        self.zero = np.zeros((robot.model.nv, 0))
 
     def __call__(self, q: Array) -> Array:
-        zero = np.zeros((self.robot.model.nv, len(q)))
-        torque = pin.rneaInParallel(1, self.pool, self.robot._configuration(q), zero, zero)
-        return _rows(torque, self.robot.model.nv)[:, self.robot._v]
+        nv = self.robot.model.nv
+        if self.zero.shape[1] != len(q):
+            self.zero = np.zeros((nv, len(q)), order="F")
+        if self.plain:
+            return _rows(pin.rneaInParallel(1, self.pool, q.T, self.zero, self.zero), nv)
+        torque = pin.rneaInParallel(1, self.pool, self.robot._configuration(q), self.zero, self.zero)
+        return _rows(torque, nv)[:, self.robot._v]
+
+
+def _is_plain(robot: Robot) -> bool:
+    """Whether the robot's joints are Pinocchio's, in the same order and without endless ones."""
+    index = np.arange(robot.model.nv)
+    return bool(robot.model.nq == robot.model.nv and (robot._v == index).all() and (robot._q == index).all())
 
 
 def _rows(columns: Array, nv: int) -> Array:
