@@ -30,7 +30,9 @@ from stages.common import dataset_files, measured, progress_bar
 
 def settings_of(params: dict) -> MethodSettings:
     """The sections of ``params.yaml`` that shape the methods."""
-    return MethodSettings(**{name: section(params, name, kind) for name, kind in get_type_hints(MethodSettings).items()})
+    return MethodSettings(
+        **{name: section(params, name, kind) for name, kind in get_type_hints(MethodSettings).items()}
+    )
 
 
 def train(method: str, files: DatasetFiles, settings: MethodSettings) -> Estimator:
