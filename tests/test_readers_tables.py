@@ -495,7 +495,7 @@ def test_wam_log(tmp_path: Path, separator: str) -> None:
         (lambda t: t[: -len(t) // 3], ["row ", "truncated", "expected 15"]),
         (lambda t: t.replace("\n+12.10000 ", "\n+12.10000 nan "), ["row 101 has 16 columns"]),
         (lambda t: t.replace("+12.10000", "spam"), ["row 101, column 1 is 'spam'"]),
-        (lambda t: t.replace("+12.10000", "+12.09900"), ["row 101", "does not exceed"]),
+        (lambda t: t.replace("+12.1", "+12.0"), ["of 500 rows have a time stamp", "expected at most 1%"]),
         (lambda t: "\n".join(t.splitlines()[:10]), ["10 rows; expected at least 50"]),
         (lambda t: "", ["empty; expected 15 columns"]),
         (lambda t: "\n".join(" ".join([*x.split()[:8], *"0000000"]) for x in t.splitlines()), ["all zero"]),
@@ -508,6 +508,14 @@ def test_bad_wam_log(tmp_path: Path, edit: Callable[[str], str], parts: list[str
     for part in [str(path), *parts]:
         assert part in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_wam_repeated_stamps_are_dropped_by_number(tmp_path: Path) -> None:
+    lines, said = wam_lines(), []
+    text = "\n".join([*lines[:101], lines[100], *lines[101:]])
+    run = read_wam(write(tmp_path, text, "log.dat"), "traj1", "train", notify=said.append)
+    assert "1 rows with a repeated time stamp dropped: rows 101" in said[0] or "rows 102" in said[0]
+    np.testing.assert_allclose(run["q"], motion(run.time + 12.0, 7)[0], atol=1e-5)
 
 
 def test_wam_reference(tmp_path: Path) -> None:

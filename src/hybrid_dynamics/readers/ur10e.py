@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample
+from hybrid_dynamics.readers.rows import longest_increasing, row_ranges
 from hybrid_dynamics.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -80,12 +81,12 @@ def read_ur10e(
     dropped = np.setdiff1d(np.arange(1, total + 1), rows[keep])
     if len(dropped) > settings.max_corrupted * total:
         raise InputError(
-            f"{path}: {len(dropped)} of {total} rows are corrupted (rows {_ranges(dropped)}); expected at most "
+            f"{path}: {len(dropped)} of {total} rows are corrupted (rows {row_ranges(dropped)}); expected at most "
             f"{settings.max_corrupted:.1%} of rows that are not {COLUMNS} numbers in range with increasing time: "
             "get an undamaged copy"
         )
     if len(dropped):
-        tell(f"{name}: {len(dropped)} corrupted rows of {total} dropped: rows {_ranges(dropped)}")
+        tell(f"{name}: {len(dropped)} corrupted rows of {total} dropped: rows {row_ranges(dropped)}")
     rows, values = rows[keep], values[keep]
     if window is None:
         window = find_window(rows, values[:, 0], values[:, 7:13], settings, str(path))
@@ -195,30 +196,5 @@ def _sound(values: Array, rows: NDArray[np.int64], settings: Ur10eSettings) -> N
     good[index[~fits]] = False
     # ... or is out of order: the longest increasing sequence stays.
     index = index[fits]
-    good[np.delete(index, _longest_increasing(values[index, 0]))] = False
+    good[np.delete(index, longest_increasing(values[index, 0]))] = False
     return good
-
-
-def _longest_increasing(stamps: Array) -> NDArray[np.int64]:
-    """Indices of the longest strictly increasing subsequence (patience sorting)."""
-    if (np.diff(stamps) > 0).all():
-        return np.arange(len(stamps))
-    tails: list[float] = []
-    tail_index: list[int] = []
-    previous = np.full(len(stamps), -1)
-    for k, value in enumerate(stamps):
-        place = int(np.searchsorted(tails, value))
-        previous[k] = tail_index[place - 1] if place else -1
-        tails[place : place + 1] = [float(value)]
-        tail_index[place : place + 1] = [k]
-    chain = [tail_index[-1]]
-    while previous[chain[-1]] >= 0:
-        chain.append(int(previous[chain[-1]]))
-    return np.array(chain[::-1])
-
-
-def _ranges(rows: NDArray[np.int64]) -> str:
-    """``2-10, 6107`` for the row numbers ``rows``; the first ten ranges."""
-    groups = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    text = [str(g[0]) if len(g) == 1 else f"{g[0]}-{g[-1]}" for g in groups[:10]]
-    return ", ".join(text) + (", ..." if len(groups) > 10 else "")

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample
+from hybrid_dynamics.readers.rows import longest_increasing, row_ranges
 from hybrid_dynamics.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 JOINTS = 7
+MAX_DROPPED = 0.01
 
 
 def read_wam(
@@ -21,16 +23,22 @@ def read_wam(
 ) -> Trajectory:
     """A recording (columns time, q1..q7, tau1..tau7; about 1 kHz) as ``q tau`` on a uniform grid.
 
-    Columns are separated by blanks or commas; ``#`` starts a comment. ``dt`` [s] fixes the grid (0: median step).
+    Columns are separated by blanks or commas; ``#`` starts a comment. Up to 1 % of the
+    rows may have a repeated stamp (reported to ``notify`` and dropped). ``dt`` [s] fixes the grid (0: median step).
     """
     values = _load(Path(path), 1 + 2 * JOINTS, "time, q1..q7, tau1..tau7")
     time = values[:, 0]
-    back = np.flatnonzero(np.diff(time) <= 0)
-    if len(back):
+    dropped = np.setdiff1d(np.arange(len(time)), longest_increasing(time))
+    if len(dropped) > MAX_DROPPED * len(time):
         raise InputError(
-            f"{path}: row {back[0] + 2}: time {time[back[0] + 1]:g} s does not exceed {time[back[0]]:g} s of the row "
-            "before; expected increasing time: get an undamaged copy"
+            f"{path}: {len(dropped)} of {len(time)} rows have a time stamp that does not exceed the one before (rows "
+            f"{row_ranges(dropped + 1)}); expected at most {MAX_DROPPED:.0%}: get an undamaged copy"
         )
+    if len(dropped):
+        if notify is not None:
+            notify(f"{name}: {len(dropped)} rows with a repeated time stamp dropped: rows {row_ranges(dropped + 1)}")
+        values = np.delete(values, dropped, axis=0)
+        time = values[:, 0]
     torque = values[:, 1 + JOINTS :]
     if not torque.any():
         raise InputError(f"{path}: torque columns are all zero; expected the measured joint torque [N m]")
