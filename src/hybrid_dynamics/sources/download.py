@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 import requests
 from rich.console import Console
@@ -93,7 +94,7 @@ class Downloader:
             stated = response.headers.get("Content-Length")
             expected = int(stated) if stated and stated.isdigit() else size
             received = 0
-            with open(target, "wb") as sink, _progress(target.name, expected) as advance:
+            with open(target, "wb") as sink, _progress(unquote(url.rsplit("/", 1)[-1]), expected) as advance:
                 for chunk in response.iter_content(CHUNK):
                     sink.write(chunk)
                     received += len(chunk)
@@ -141,8 +142,10 @@ def _plain(error: Exception) -> str:
 def _progress(name: str, total: int | None) -> Iterator[_Advance]:
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
     console = Console(stderr=True)
+    if not console.is_terminal:
+        print(f"downloading {name}" + (f" ({total / 1e6:.1f} MB)" if total else ""), file=sys.stderr, flush=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(name.strip(".").removesuffix(".part"), total=total)
+        task = progress.add_task(name, total=total)
         yield _Advance(progress, task)
 
 
