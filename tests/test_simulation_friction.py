@@ -13,6 +13,7 @@ from hybrid_dynamics.simulation import (
     ReferenceSettings,
     Rollout,
     coulomb,
+    dahl,
     from_state_torque,
     load_dependent,
     make_controller,
@@ -129,3 +130,23 @@ def test_smooth_laws_see_time_and_state() -> None:
     error = np.sqrt(((left - expected) ** 2).mean(axis=0))
     assert (error < 0.05 * 0.003 * PANDA.effort_limits).all()
     assert np.sqrt(((left - FV * dq) ** 2).mean(axis=0)).min() > 10 * error.max()
+
+
+def test_dahl_hysteresis_slides_at_its_coulomb_level_and_springs_back() -> None:
+    stiffness = np.full(7, 400.0)
+    left, dq, clean = residual(run(dahl(stiffness, FC) + viscous(FV)))
+    # After a reversal the torque reaches its level within a few Fc/K of travel (0.01 rad): judge where dq is larger.
+    fast = clean & (np.abs(dq) > 0.4)
+    rest = left - FV * dq - FC * np.sign(dq)
+    assert all(np.median(np.abs(rest[fast[:, j], j])) < 0.02 * FC[j] for j in range(7))
+    still = Reference(np.tile(POSE, (1500, 1)), np.zeros((1500, 7)))
+    strong = dahl(np.full(7, 3000.0), np.full(7, 200.0)) + viscous(np.full(7, 400.0))
+    held = simulate(PANDA, [still], passive_controller(PANDA, 2e-3), 5e-4, strong)[0]
+    assert isinstance(held, Rollout)
+    gravity = PANDA.rigid_body_torques(held.q, 0 * held.q, 0 * held.q).gravity
+    # At rest the bristles carry the weight (overdamped: no overshoot, so the loading branch of the law).
+    deflection = held.q[-1] - POSE
+    expected = -200.0 / 3000.0 * np.log1p(-np.abs(gravity[-1, 1]) / 200.0)
+    assert np.abs(deflection[1]) == pytest.approx(expected, rel=0.02)
+    assert deflection[1] * gravity[-1, 1] < 0
+    assert np.abs(held.dq[-1]).max() < 1e-3

@@ -9,6 +9,7 @@ from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation import (
     DriveFriction,
+    Recording,
     Reference,
     ReferenceSettings,
     Rollout,
@@ -16,11 +17,12 @@ from hybrid_dynamics.simulation import (
     SimulationSettings,
     multi_sine,
     record,
+    simulate_recordings,
     simulate_twin,
     true_run,
+    viscous,
     with_armature,
 )
-from hybrid_dynamics.trajectory import Trajectory
 
 UR10 = Robot.from_urdf(find_description("ur_description/urdf/ur10_robot.urdf"))
 FRICTION = DriveFriction(
@@ -35,13 +37,14 @@ SHAPE = ReferenceSettings(frequency=(0.1, 0.5), velocity_share=0.4, maximum_excu
 
 
 @pytest.fixture(scope="module")
-def twin() -> list[tuple[Trajectory, Trajectory]]:
+def twin() -> list[Recording]:
     return simulate_twin(UR10, TIMES, FRICTION, SENSORS, SHAPE, n_train=2, n_test=1, seed=1)
 
 
-def test_truth_obeys_the_declared_law(twin: list[tuple[Trajectory, Trajectory]]) -> None:
+def test_truth_obeys_the_declared_law(twin: list[Recording]) -> None:
     plant = with_armature(UR10, FRICTION.armature)
-    for recorded, truth in twin:
+    for run in twin:
+        recorded, truth = run.recorded, run.truth
         assert np.array_equal(recorded.time, truth.time)
         assert recorded.time[0] == 0
         assert recorded.dt == pytest.approx(0.01)
@@ -57,9 +60,9 @@ def test_truth_obeys_the_declared_law(twin: list[tuple[Trajectory, Trajectory]])
         assert np.sqrt((error**2).mean(axis=0))[1] > noise[1]
 
 
-def test_truth_is_consistent_in_time(twin: list[tuple[Trajectory, Trajectory]]) -> None:
+def test_truth_is_consistent_in_time(twin: list[Recording]) -> None:
     """dq is the derivative of q, ddq that of dq: no half-step shift between the columns."""
-    _, truth = twin[0]
+    truth = twin[0].truth
     central = (truth["q"][2:] - truth["q"][:-2]) / (2 * truth.dt)
     late = (truth["q"][2:] - truth["q"][1:-1]) / truth.dt
     # The median: where a joint breaks away its acceleration jumps, and no difference quotient follows that.
@@ -71,8 +74,8 @@ def test_truth_is_consistent_in_time(twin: list[tuple[Trajectory, Trajectory]]) 
     assert error < 0.2 * np.median(np.abs(behind - truth["ddq"][1:-1]))
 
 
-def test_noise_and_quantisation_are_as_declared(twin: list[tuple[Trajectory, Trajectory]]) -> None:
-    recorded, truth = twin[0]
+def test_noise_and_quantisation_are_as_declared(twin: list[Recording]) -> None:
+    recorded, truth = twin[0].recorded, twin[0].truth
     assert "dq" not in recorded
     assert np.abs(recorded["q"] - truth["q"]).max() <= 0.5e-4 + 1e-12
     assert np.abs(recorded["q"] / 1e-4 - np.round(recorded["q"] / 1e-4)).max() < 1e-6
@@ -81,27 +84,27 @@ def test_noise_and_quantisation_are_as_declared(twin: list[tuple[Trajectory, Tra
     assert np.abs(noise / (0.003 * UR10.effort_limits) - 1).max() < 0.15
 
 
-def test_standstill_at_both_ends(twin: list[tuple[Trajectory, Trajectory]]) -> None:
-    _, truth = twin[0]
+def test_standstill_at_both_ends(twin: list[Recording]) -> None:
+    truth = twin[0].truth
     assert np.abs(truth["dq"][:10]).max() < 0.05
     assert np.abs(truth["dq"]).max() > 0.3
 
 
-def test_same_seed_same_bytes(twin: list[tuple[Trajectory, Trajectory]]) -> None:
+def test_same_seed_same_bytes(twin: list[Recording]) -> None:
     again = simulate_twin(UR10, TIMES, FRICTION, SENSORS, SHAPE, n_train=2, n_test=1, seed=1)
-    for (one, truth), (two, true) in zip(twin, again, strict=True):
-        assert one["tau"].tobytes() == two["tau"].tobytes()
-        assert truth["ddq"].tobytes() == true["ddq"].tobytes()
-    assert [x.split for x, _ in twin] == ["train", "train", "test"]
-    assert len({x["tau"].tobytes() for x, _ in twin}) == 3
+    for one, two in zip(twin, again, strict=True):
+        assert one.recorded["tau"].tobytes() == two.recorded["tau"].tobytes()
+        assert one.truth["ddq"].tobytes() == two.truth["ddq"].tobytes()
+    assert [run.recorded.split for run in twin] == ["train", "train", "test"]
+    assert len({run.recorded["tau"].tobytes() for run in twin}) == 3
 
 
 def test_given_references_are_followed_and_named() -> None:
     references = [multi_sine(UR10, SHAPE, 3.0, 1e-3, seed) for seed in (1, 2)]
     runs = simulate_twin(UR10, TIMES, FRICTION, SensorSettings(), references, n_train=1, names=["a", "b"])
-    assert [(x.name, x.split) for x, _ in runs] == [("a", "train"), ("b", "test")]
-    for (_, truth), reference in zip(runs, references, strict=True):
-        assert np.abs(truth["q"] - reference.q[1:-1]).max() < 0.15
+    assert [(run.recorded.name, run.truth.split) for run in runs] == [("a", "train"), ("b", "test")]
+    for run, reference in zip(runs, references, strict=True):
+        assert np.abs(run.truth["q"] - reference.q[1:-1]).max() < 0.15
     outside = Reference(references[0].q + 6.0, references[0].dq, "traj9")
     with pytest.raises(InputError, match=r"traj9 cannot be followed: joint \w+ leaves its limits"):
         simulate_twin(UR10, TIMES, FRICTION, SensorSettings(), [outside])
@@ -166,3 +169,19 @@ def test_lists_of_the_wrong_length_are_refused() -> None:
         DriveFriction(viscous=(-1.0,))
     with pytest.raises(ConfigError, match=r"sensors.torque_gain holds 1"):
         record(_ramp(), UR10, SensorSettings(torque_gain=(1.0,)), "x", "train")
+
+
+def test_a_changed_robot_is_simulated_and_the_controller_does_not_know() -> None:
+    """The seam of the effect catalogue: another true robot plus any torque law."""
+    heavy = UR10.copy()
+    inertia = heavy.model.inertias[heavy.joint_ids[-1]]
+    inertia.mass += 3.0
+    heavy.model.inertias[heavy.joint_ids[-1]] = inertia
+    runs = simulate_recordings(
+        UR10, TIMES, SensorSettings(), SHAPE, true_robot=heavy, effects=viscous([20.0] * 6), n_train=1, n_test=0
+    )
+    truth = runs[0].truth
+    rest = truth["tau"] - heavy.inverse_dynamics(truth["q"], truth["dq"], truth["ddq"]) - 20.0 * truth["dq"]
+    assert np.sqrt((rest**2).mean(axis=0)).max() < 0.05
+    rest = truth["tau"] - UR10.inverse_dynamics(truth["q"], truth["dq"], truth["ddq"]) - 20.0 * truth["dq"]
+    assert np.sqrt((rest**2).mean(axis=0))[1] > 1.0

@@ -5,6 +5,7 @@ from hybrid_dynamics.simulation.dataset import as_trajectory, simulate_dataset
 from hybrid_dynamics.simulation.effects import (
     JointEffects,
     coulomb,
+    dahl,
     from_state_torque,
     load_dependent,
     offset,
@@ -14,13 +15,14 @@ from hybrid_dynamics.simulation.effects import (
 from hybrid_dynamics.simulation.references import Reference, ReferenceSettings, multi_sine, reference_from_positions
 from hybrid_dynamics.simulation.rollout import Refusal, Rollout, SimulationSettings, simulate
 from hybrid_dynamics.simulation.sensors import SensorSettings, record, true_run
-from hybrid_dynamics.simulation.twin import DriveFriction, simulate_twin, with_armature
+from hybrid_dynamics.simulation.twin import DriveFriction, Recording, simulate_recordings, simulate_twin, with_armature
 
 __all__ = [
     "Controller",
     "ControllerSettings",
     "DriveFriction",
     "JointEffects",
+    "Recording",
     "Reference",
     "ReferenceSettings",
     "Refusal",
@@ -29,6 +31,7 @@ __all__ = [
     "SimulationSettings",
     "as_trajectory",
     "coulomb",
+    "dahl",
     "effective_inertia",
     "from_state_torque",
     "load_dependent",
@@ -39,6 +42,7 @@ __all__ = [
     "reference_from_positions",
     "simulate",
     "simulate_dataset",
+    "simulate_recordings",
     "simulate_twin",
     "stribeck",
     "true_run",

@@ -1,9 +1,10 @@
 """What a simulated joint feels beyond the rigid body, as torques the drive must ADD (vectorised over rollouts).
 
-Three kinds, because each needs its own integration:
+Four kinds, because each needs its own integration:
 
 - ``damping``: viscous coefficients; taken at the middle of the sub-step, so stiff damping stays stable;
 - ``dry``: the size of Coulomb-like friction; solved as true sticking (see :mod:`.friction`), never as ``sign(dq)``;
+- ``memory``: laws with a state of their own (Dahl's presliding); the state advances with the new velocity;
 - ``torque``: anything else (springs, ripple, contact, coupling); explicit at the beginning of the sub-step.
 
 Changes of inertia, armature or gravity are not forces: pass another ``Robot`` to the simulation.
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,16 @@ TorqueLaw = Callable[[Array, Array, float], Array]
 DryLaw = Callable[[Array, Array, Array, float], tuple[Array, Array]]
 
 
+class MemoryLaw(Protocol):
+    """A law with a state z (R, n), zero at the start of a run. All methods are pure: the simulation keeps z."""
+
+    def torque(self, z: Array, q: Array, dq: Array, time: float) -> Array:
+        """Torque (R, n) [N m] the drive must add."""
+
+    def advance(self, z: Array, q: Array, dq: Array, h: float) -> Array:
+        """The state after a sub-step of ``h`` [s] at velocity ``dq``."""
+
+
 @dataclass(frozen=True)
 class JointEffects:
     """Effects acting on the joints; ``damping`` (n,) [N m s/rad]. Several laws of a kind add up."""
@@ -33,11 +45,12 @@ class JointEffects:
     damping: Array | None = None
     dry: tuple[DryLaw, ...] = ()
     torque: tuple[TorqueLaw, ...] = ()
+    memory: tuple[MemoryLaw, ...] = ()
 
     def __add__(self, other: JointEffects) -> JointEffects:
         parts = [d for d in (self.damping, other.damping) if d is not None]
         damping = np.sum(parts, axis=0) if parts else None
-        return JointEffects(damping, self.dry + other.dry, self.torque + other.torque)
+        return JointEffects(damping, self.dry + other.dry, self.torque + other.torque, self.memory + other.memory)
 
     def dry_bounds(self, q: Array, dq: Array, load: Array, time: float) -> tuple[Array, Array]:
         """Total dry friction (backward, forward), each (R, n) [N m], never negative."""
@@ -96,6 +109,29 @@ def offset(torque: Sequence[float] | Array) -> JointEffects:
     """A constant torque b [N m]."""
     b = np.asarray(torque, float)
     return JointEffects(torque=(lambda q, dq, time: b,))
+
+
+@dataclass(frozen=True)
+class Dahl:
+    """Presliding hysteresis: torque K z, dz/dt = dq - |dq| z K/Fc (Dahl 1968). K (n,) [N m/rad], Fc (n,) [N m] > 0."""
+
+    stiffness: Array
+    coulomb_torque: Array
+
+    def torque(self, z: Array, q: Array, dq: Array, time: float) -> Array:
+        return self.stiffness * z
+
+    def advance(self, z: Array, q: Array, dq: Array, h: float) -> Array:
+        # Exact for a velocity that is constant over the sub-step: z tends to Fc/K sign(dq).
+        limit = np.sign(dq) * self.coulomb_torque / self.stiffness
+        return limit + (z - limit) * np.exp(-np.abs(dq) * h * self.stiffness / self.coulomb_torque)
+
+
+def dahl(stiffness: Sequence[float] | Array, coulomb_torque: Sequence[float] | Array) -> JointEffects:
+    """Dahl's hysteresis; a joint without it has Fc = 0 (its stiffness is then of no account)."""
+    fc, k = np.asarray(coulomb_torque, float), np.asarray(stiffness, float)
+    absent = fc <= 0
+    return JointEffects(memory=(Dahl(np.where(absent, 1e-9, k), np.where(absent, 1e-9, fc)),))
 
 
 def from_state_torque(torque: Callable[[Array, Array], Array], n_joints: int) -> JointEffects:

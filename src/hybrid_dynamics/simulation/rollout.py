@@ -169,11 +169,13 @@ class _Plant:
         self.dry = DrySolver(model, robot._v) if effects.dry else None
         self.friction: Array | None = None
         self.load: Array | None = None
+        self.memory: list[Array] = []
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
         """Drop the state of refused runs."""
         if self.friction is not None and self.load is not None:
             self.friction, self.load = self.friction[rows], self.load[rows]
+        self.memory = [z[rows] for z in self.memory]
 
     def acceleration(self, configuration: Array, dq: Array, torque: Array) -> Array:
         if self.plain:
@@ -188,18 +190,24 @@ class _Plant:
             self.dry.forget()
             if self.friction is None or self.load is None:
                 self.friction, self.load = np.zeros_like(q), np.zeros_like(q)
+        laws = self.effects.memory
+        if laws and not self.memory:
+            self.memory = [np.zeros_like(q) for _ in laws]
         for s in range(self.substeps):
             net = tau
             if self.damping is not None:
                 net = net - self.damping * dq
             if self.effects.torque:
                 net = net - self.effects.extra_torque(q, dq, time + s * self.h)
+            for law, z in zip(laws, self.memory, strict=True):
+                net = net - law.torque(z, q, dq, time + s * self.h)
             configuration = q.T if self.plain else self.robot._configuration(q)
             if self.dry is None:
                 dq += self.h * self.acceleration(configuration, dq, net)
             else:
                 self._advance_dry(q, dq, net, configuration, time + s * self.h)
             q += self.h * dq
+            self.memory = [law.advance(z, q, dq, self.h) for law, z in zip(laws, self.memory, strict=True)]
 
     def _advance_dry(self, q: Array, dq: Array, net: Array, configuration: Array, time: float) -> None:
         assert self.dry is not None

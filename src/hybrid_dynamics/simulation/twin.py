@@ -69,37 +69,43 @@ def with_armature(robot: Robot, armature: Sequence[float]) -> Robot:
     return out
 
 
-def simulate_twin(
+@dataclass(frozen=True)
+class Recording:
+    """A simulated log: ``recorded`` (q, tau, dq where measured) and the noise-free ``truth`` (q dq ddq dddq tau)."""
+
+    recorded: Trajectory
+    truth: Trajectory
+
+
+def simulate_recordings(
     robot: Robot,
     settings: SimulationSettings,
-    friction: DriveFriction,
     sensors: SensorSettings,
     references: ReferenceSettings | Sequence[Reference] | None = None,
     *,
+    effects: JointEffects | None = None,
+    true_robot: Robot | None = None,
     control: ControllerSettings | None = None,
     n_train: int = 3,
     n_test: int = 1,
     seed: int = 0,
     names: Sequence[str] = (),
     progress: Progress | None = None,
-) -> list[tuple[Trajectory, Trajectory]]:
-    """Simulate ``robot`` with drive losses; returns (recorded, truth) per run, training runs first.
+) -> list[Recording]:
+    """Simulate ``true_robot`` (default: ``robot``) with ``effects`` and record it; training runs first.
 
+    The controller compensates the gravity of ``robot``, and knows nothing else of the truth (its gains suit both).
     ``references``: how to draw multi-sines (``n_train`` + ``n_test`` of ``settings.duration``), or the references to
-    follow (the first ``n_train`` train, the others test; sampled at ``settings.control_period``). The controller knows
-    the rigid body only. The truth holds noise-free q dq ddq dddq tau at the recorded instants. Drawn runs that are
+    follow (the first ``n_train`` train, the others test; sampled at ``settings.control_period``). Drawn runs that are
     refused are drawn again; a given reference that cannot be followed raises :class:`InputError` naming the joint.
     """
-    friction.check(robot)
-    plant = with_armature(robot, friction.armature) if friction.armature else robot
-    effects = friction.effects(robot)
-    # The gains must suit the rotor inertia, which changes no gravity torque.
-    controller = make_controller(plant, control or ControllerSettings(), settings.control_period)
+    plant = true_robot or robot
+    controller = make_controller(robot, control or ControllerSettings(), settings.control_period, (plant,))
     if references is None or isinstance(references, ReferenceSettings):
         shape = references or ReferenceSettings()
 
         def draw(index: int, attempt: int) -> Reference:
-            number = derive_seed("twin", seed, index, attempt)
+            number = derive_seed("recording", seed, index, attempt)
             return multi_sine(robot, shape, settings.duration, settings.control_period, number)
 
         done: dict[int, Rollout] = {}
@@ -113,7 +119,7 @@ def simulate_twin(
         for result in simulate(plant, list(references), controller, settings.substep, effects, progress):
             if isinstance(result, Refusal):
                 raise InputError(
-                    f"twin of {robot.name}: reference {result.reference.seed or len(rollouts) + 1} cannot be followed: "
+                    f"robot {robot.name}: reference {result.reference.seed or len(rollouts) + 1} cannot be followed: "
                     f"{result.why}; check the robot's limits, the friction and the reference"
                 )
             rollouts.append(result)
@@ -122,5 +128,37 @@ def simulate_twin(
         split = "train" if i < n_train else "test"
         name = names[i] if names else f"{split}_{(i if i < n_train else i - n_train) + 1:02d}"
         recorded = record(rollout, robot, sensors, name, split, seed)
-        out.append((recorded, true_run(rollout, name, split, sensors.record_every)))
+        out.append(Recording(recorded, true_run(rollout, name, split, sensors.record_every)))
     return out
+
+
+def simulate_twin(
+    robot: Robot,
+    settings: SimulationSettings,
+    friction: DriveFriction,
+    sensors: SensorSettings,
+    references: ReferenceSettings | Sequence[Reference] | None = None,
+    *,
+    control: ControllerSettings | None = None,
+    n_train: int = 3,
+    n_test: int = 1,
+    seed: int = 0,
+    names: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> list[Recording]:
+    """:func:`simulate_recordings` of ``robot`` with drive losses; its controller knows the rotors' inertia."""
+    friction.check(robot)
+    plant = with_armature(robot, friction.armature) if friction.armature else robot
+    return simulate_recordings(
+        plant,
+        settings,
+        sensors,
+        references,
+        effects=friction.effects(robot),
+        control=control,
+        n_train=n_train,
+        n_test=n_test,
+        seed=seed,
+        names=names,
+        progress=progress,
+    )
