@@ -3,6 +3,7 @@
 from hybrid_dynamics.reporting.evaluation import Evaluation, EvaluationSettings, PooledErrors, evaluate_predictions
 from hybrid_dynamics.reporting.report import write_report
 from hybrid_dynamics.reporting.results import Section, StudyInputs
+from hybrid_dynamics.reporting.sections import derivative_section, loop_section, study_sections
 
 __all__ = [
     "Evaluation",
@@ -10,6 +11,9 @@ __all__ = [
     "PooledErrors",
     "Section",
     "StudyInputs",
+    "derivative_section",
     "evaluate_predictions",
+    "loop_section",
+    "study_sections",
     "write_report",
 ]

@@ -71,10 +71,11 @@ def table_three(results: DatasetResults) -> Iterator[JointTerms]:
     if damping is None:
         return
     for method in in_order(results.expressions["method"]):
-        if method not in paper.TABLE_III_COUNTERPART:
+        column = paper.COUNTERPART.get(method, method)
+        if column not in paper.TABLE_III:
             continue
         rows = results.expressions[results.expressions["method"] == method]
-        counterpart = paper.TABLE_III[paper.TABLE_III_COUNTERPART[method]]
+        counterpart = paper.TABLE_III[column]
         for row in rows.sort_values("joint").itertuples():
             joint, expression = int(row.joint), str(row.expression)
             short = len(expression) <= LONGEST

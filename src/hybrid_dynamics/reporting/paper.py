@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 #: Column order of Tables I, II, IV and V.
 COLUMNS = ("sr", "sindy", "r_sr", "r_sindy", "r_sindy_sr", "nn", "r_nn")
+#: Which of the paper's columns a variant of ours is set beside.
+COUNTERPART = {"sindy_scaled": "sindy", "r_sindy_scaled": "r_sindy", "r_sindy_sr_published": "r_sindy_sr"}
 
 
 @dataclass(frozen=True)
@@ -24,10 +26,14 @@ class ErrorTable:
     rows: tuple[tuple[float, ...], ...]
 
     def value(self, method: str, joint: int) -> float | None:
-        """The paper's value; None for what the table does not hold. ``joint`` counts from 1."""
-        if method not in COLUMNS or not 1 <= joint <= len(self.rows):
+        """The paper's value for ``method`` (or its :data:`COUNTERPART`); None for what the table does not hold.
+
+        ``joint`` counts from 1.
+        """
+        column = COUNTERPART.get(method, method)
+        if column not in COLUMNS or not 1 <= joint <= len(self.rows):
             return None
-        return self.rows[joint - 1][COLUMNS.index(method)]
+        return self.rows[joint - 1][COLUMNS.index(column)]
 
 
 TABLE_I = ErrorTable(
@@ -151,18 +157,6 @@ TABLE_III: Mapping[str, Mapping[int, Mapping[str, float]]] = {
         7: {"ddq7": 1.03e-3},
     },
 }
-#: Which of the paper's columns of Table III a method of ours is set beside.
-TABLE_III_COUNTERPART = {
-    "sr": "sr",
-    "sindy": "sindy",
-    "sindy_scaled": "sindy",
-    "r_sr": "r_sr",
-    "r_sindy": "r_sindy",
-    "r_sindy_scaled": "r_sindy",
-    "r_sindy_sr": "r_sindy_sr",
-    "r_sindy_sr_published": "r_sindy_sr",
-}
-
 #: The WAM equations (after Table V) with their constants put in: method -> joint -> expression.
 WAM_EQUATIONS: Mapping[str, Mapping[int, str]] = {
     "sr": {

@@ -130,7 +130,7 @@ def table_three_html(result: DatasetResults) -> str:
 
 def _terms_table(result: DatasetResults, method: str, entries: Sequence[JointTerms]) -> str:
     whole = method in TORQUE_EXPRESSIONS
-    counterpart = paper.TABLE_III_COUNTERPART[method]
+    counterpart = paper.COUNTERPART.get(method, method)
     # The paper prints only the second layer of r-SINDy-SR: its terms are no counterpart of our summed residual.
     second_layer = counterpart == "r_sindy_sr"
     rows: list[list[Cell | str]] = []

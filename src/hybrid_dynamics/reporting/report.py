@@ -117,6 +117,12 @@ def _dataset(page: _Page, result: DatasetResults, study: StudyInputs, folder: Pa
     if result.name in study.pictures:
         page.add(_picture(result, study.pictures[result.name], folder))
     page.add(pieces.best_beside_rigid_body(result))
+    if result.extrapolation is not None:
+        page.add(
+            f"<p class='note'>Extrapolation: the held-out features are {result.extrapolation.distance:.3g} training "
+            f"spreads from the training mean (training runs: 1); in {100 * result.extrapolation.outside:.3g} % of the "
+            "samples at least one of them lies outside its training range.</p>"
+        )
     page.heading(3, "Torque errors", f"{result.name}-errors")
     for split in ("train", "test"):
         if result.trajectories(split):

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.reporting.evaluation import ERROR_COLUMNS, POOL
+from hybrid_dynamics.reporting.extrapolation import Extrapolation, extrapolation
 from hybrid_dynamics.reporting.methods import in_order
 from hybrid_dynamics.robots.urdf import movable_joints, read_urdf
 from hybrid_dynamics.trajectory import read_metadata
@@ -70,6 +71,7 @@ class DatasetResults:
     source: Mapping[str, Any]
     #: Rigid-body torque columns that are identically zero, such as tau_gravity1 of an arm on a level base.
     zero_torques: tuple[str, ...]
+    extrapolation: Extrapolation | None
 
     @property
     def n_joints(self) -> int:
@@ -133,6 +135,7 @@ def read_dataset(folder: Path) -> DatasetResults:
         metadata=read_metadata(folder / "trajectories.parquet"),
         source=json.loads(source_file.read_text("utf-8")) if source_file.exists() else {},
         zero_torques=_zero_torques(folder / "features.parquet"),
+        extrapolation=extrapolation(folder / "features.parquet"),
     )
 
 
