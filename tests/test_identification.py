@@ -16,8 +16,8 @@ from hybrid_dynamics.robots import Robot
 LENGTH = 0.5
 
 
-def arm_urdf(axes: list[str], offset: str = f"{LENGTH} 0 0") -> str:
-    """A serial arm of boxes, one joint per axis, each next joint at ``offset`` of the link before."""
+def arm_urdf(axes: list[str], angles: str) -> str:
+    """A serial arm of boxes, one joint per axis, each next joint at the end of the link, turned by ``angles``."""
     links = ['<link name="base"/>']
     joints = []
     for j, axis in enumerate(axes, start=1):
@@ -28,15 +28,15 @@ def arm_urdf(axes: list[str], offset: str = f"{LENGTH} 0 0") -> str:
         )
         joints.append(
             f'<joint name="j{j}" type="revolute"><parent link="{"base" if j == 1 else f"l{j - 1}"}"/>'
-            f'<child link="l{j}"/><origin xyz="{"0 0 0" if j == 1 else offset}"/><axis xyz="{axis}"/>'
+            f'<child link="l{j}"/><origin xyz="{0 if j == 1 else LENGTH} 0 0" rpy="{angles}"/><axis xyz="{axis}"/>'
             '<limit lower="-3" upper="3" velocity="5" effort="100"/></joint>'
         )
     return '<?xml version="1.0"?><robot name="arm">' + "".join(links + joints) + "</robot>"
 
 
-def make_arm(tmp_path_factory: pytest.TempPathFactory, axes: list[str]) -> Robot:
+def make_arm(tmp_path_factory: pytest.TempPathFactory, axes: list[str], angles: str = "0 0 0") -> Robot:
     path = tmp_path_factory.mktemp("robot") / "arm.urdf"
-    path.write_text(arm_urdf(axes))
+    path.write_text(arm_urdf(axes, angles))
     return Robot.from_urdf(path)
 
 
@@ -79,6 +79,16 @@ def test_rank_is_clear(spatial: Robot) -> None:
     smallest_kept, largest_dropped = base_parameters(spatial).rank_gap
     assert smallest_kept > 1e-3
     assert largest_dropped < 1e-12
+
+
+def test_rounded_angles_of_a_description_do_not_invent_parameters(tmp_path_factory: pytest.TempPathFactory) -> None:
+    axes = ["0 0 1"] * 4
+    exact = base_parameters(make_arm(tmp_path_factory, axes, f"{np.pi / 2} 0 0"))
+    rounded = base_parameters(make_arm(tmp_path_factory, axes, "1.5708 0 0"))
+    assert rounded.base_names == exact.base_names
+    assert rounded.rank_gap[1] > exact.rank_gap[1]
+    # Control: the tolerance is not so wide that it swallows what a skew of three degrees makes visible.
+    assert base_parameters(make_arm(tmp_path_factory, axes, f"{np.pi / 2 + 0.05} 0 0")).size > exact.size
 
 
 @settings(max_examples=20, deadline=None)

@@ -14,14 +14,16 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
 
 Array = NDArray[np.float64]
 
-#: Columns below this share of their own length beside the earlier ones count as dependent (unit columns). Dependent
-#: columns come out near 1e-15 and independent ones above 1e-3 on the robots in use.
-RANK_TOLERANCE = 1e-8
+#: A column counts as dependent where this share of it, or less, is new beside the earlier columns. Exact descriptions
+#: leave 1e-15 of a dependent column and over 0.5 of an independent one; descriptions with rounded angles (1.5708) or
+#: CAD exports leave 1e-7 to 3e-4, which no torque measurement resolves.
+RANK_TOLERANCE = 1e-3
+#: Coefficients below this are rounding of the description's angles and are not printed.
+_PRINTED = 2e-5
 #: Names of Pinocchio's ten parameters of a link, in its order (mass, first moments, inertia about the joint origin).
 LINK_PARAMETERS = ("m", "lx", "ly", "lz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
 UNITS = {"m": "kg", "l": "kg m", "L": "kg m^2", "I": "kg m^2"}
@@ -35,8 +37,8 @@ class BaseParameters:
     """Grouping of the 11 n full parameters ``[pi (10 n), Ia (n)]`` of a robot into p base parameters.
 
     ``names`` (11 n) of the full parameters; ``independent`` (p,) the columns kept; ``grouping`` (p, 11 n) with
-    ``base = grouping @ full`` and ``Y_full = Y_full[:, independent] @ grouping``; ``rank_gap`` the relative sizes of
-    the smallest column kept and of the largest one dropped.
+    ``base = grouping @ full`` and ``Y_full = Y_full[:, independent] @ grouping``; ``rank_gap``: the share that is new
+    beside earlier columns, least among those kept and largest among those dropped.
     """
 
     names: tuple[str, ...]
@@ -63,7 +65,7 @@ class BaseParameters:
         return tuple(self._expression(row, lead) for row, lead in zip(self.grouping, self.independent, strict=True))
 
     def _expression(self, row: Array, lead: np.intp) -> str:
-        order = [int(lead)] + [i for i in np.flatnonzero(row) if i != lead]
+        order = [int(lead)] + [i for i in np.flatnonzero(np.abs(row) > _PRINTED) if i != lead]
         text = ""
         for i in order:
             size = f"{abs(row[i]):.4g}"
@@ -100,35 +102,36 @@ def full_regressor(robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
 
 
 def base_parameters(robot: Robot, seed: int = 0, tolerance: float = RANK_TOLERANCE) -> BaseParameters:
-    """Group the parameters of ``robot`` from its regressor at random states (deterministic in ``seed``).
-
-    Raises :class:`InputError` where the numerical rank is not clear (QR and singular values disagree).
-    """
+    """Group the parameters of ``robot`` from its regressor at random states (deterministic in ``seed``)."""
     n = robot.n_joints
     rng = np.random.default_rng(seed)
     samples = _SAMPLES_PER_PARAMETER * 11 * n
     q = rng.uniform(-np.pi, np.pi, (samples, n))
     dq, ddq = rng.uniform(-2, 2, (2, samples, n))
     regressor = full_regressor(robot, q, dq, ddq).reshape(samples * n, 11 * n)
+    columns = scipy.linalg.qr(regressor, mode="r", overwrite_a=True)[0][: 11 * n]  # same lengths and angles, fewer rows
 
-    length = np.linalg.norm(regressor, axis=0)
-    alive = length > tolerance * length.max()
-    scaled = regressor / np.where(alive, length, 1.0)
-    order = np.array([10 * j + k for j in range(n) for k in _READING_ORDER] + [10 * n + j for j in range(n)])
-    order = order[alive[order]]
-    diagonal = np.abs(np.diag(scipy.linalg.qr(scaled[:, order], mode="r")[0][: len(order)]))
-    kept = diagonal > tolerance
-    rank = int(np.linalg.matrix_rank(scaled[:, order], tol=tolerance * np.sqrt(len(order))))
-    if rank != kept.sum():
-        raise InputError(
-            f"robot {robot.name}: base parameters are not clear, QR finds {kept.sum()} and singular values {rank} at "
-            f"tolerance {tolerance}; consider another tolerance between 1e-10 and 1e-4"
-        )
-    independent = np.sort(order[kept])
-    grouping = np.linalg.lstsq(scaled[:, independent], regressor, rcond=None)[0] / length[independent, None]
+    length = np.linalg.norm(columns, axis=0)
+    alive = length > 1e-10 * length.max()
+    order = [10 * j + k for j in range(n) for k in _READING_ORDER] + [10 * n + j for j in range(n)]
+    basis = np.empty((len(columns), 0))
+    kept, new = [], np.zeros(11 * n)
+    for k in order:
+        if not alive[k]:
+            continue
+        rest = columns[:, k] / length[k]
+        for _ in range(2):  # Gram-Schmidt, repeated once: orthogonal to rounding
+            rest = rest - basis @ (basis.T @ rest)
+        new[k] = np.linalg.norm(rest)
+        if new[k] > tolerance:
+            kept.append(k)
+            basis = np.column_stack([basis, rest / new[k]])
+    independent = np.sort(np.array(kept, dtype=np.intp))
+    scaled = columns[:, independent] / length[independent]
+    grouping = np.linalg.lstsq(scaled, columns, rcond=None)[0] / length[independent, None]
     # What is left is rounding: coefficients are products of lengths [m] and sines of fixed angles.
     grouping[np.abs(grouping) < 1e-7] = 0.0
     grouping[:, ~alive] = 0.0
     grouping[:, independent] = np.eye(len(independent))
-    gap = (float(diagonal[kept].min()), float(diagonal[~kept].max(initial=0.0)))
+    gap = (float(new[independent].min()), float(np.delete(new, independent).max(initial=0.0)))
     return BaseParameters(full_parameter_names(n), independent, grouping, gap)
