@@ -180,3 +180,8 @@ def read_run(settings: ReaderSettings, run: Run, folder: Path, robot: Robot, not
     if settings.format == "wam":
         return read_wam(path, run.name, run.split, settings.dt, notify)
     return read_log(path, robot.joint_names, run.name, run.split)
+
+
+def picture_of(settings: RobotSettings) -> Path | None:
+    """The URDF with meshes the report draws the arm from; None where the description has none to draw."""
+    return _resolve(settings.urdf, None) if settings.urdf.startswith(PACKAGE) else None

@@ -1,0 +1,32 @@
+"""Stage report: every table, figure and the page, from the result files of all datasets."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from hybrid_dynamics.config import load_params, section
+from hybrid_dynamics.datasets import RobotSettings, picture_of
+from hybrid_dynamics.errors import run_main
+from hybrid_dynamics.files import write_text
+from hybrid_dynamics.layout import REPORTS, DatasetFiles
+from hybrid_dynamics.reporting import StudyInputs, write_report
+from hybrid_dynamics.reporting.sections import study_sections
+
+
+def main() -> None:
+    params = load_params()
+    names = section(params, "datasets", list[str])
+    robots = {name: section(params, f"dataset.{name}.robot", RobotSettings) for name in names}
+    steps = pd.concat([pd.read_csv(DatasetFiles(name).model("loop") / "steps.csv") for name in names])
+    write_text(REPORTS / "loop.csv", steps.to_csv(index=False))
+    study = StudyInputs(
+        data=Path("data"),
+        datasets=tuple(names),
+        pictures={name: path for name, robot in robots.items() if (path := picture_of(robot)) is not None},
+        sections=study_sections(names),
+    )
+    print(f"report: {write_report(study, REPORTS)}")
+
+
+if __name__ == "__main__":
+    run_main(main)

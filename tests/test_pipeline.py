@@ -1,0 +1,124 @@
+"""The pipeline as a whole: the committed parameters, one pass through DVC at a small scale, one experiment."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+from stages.compose import compose
+
+ROOT = Path(__file__).resolve().parents[1]
+SMALL = ["scale=small", "datasets=[panda,ur10e]", "recorded=[ur10e]"]
+
+
+def test_params_are_the_composition_of_conf(tmp_path):
+    compose(tmp_path / "params.yaml", [])
+    assert (tmp_path / "params.yaml").read_text() == (ROOT / "params.yaml").read_text(), "run `make params`"
+
+
+def clone(folder: Path) -> Path:
+    """The tracked and new files of this checkout as a repository of its own, with a small study."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, check=True
+    )
+    for name in filter(None, listed.stdout.decode().split("\0")):
+        if name == "dvc.lock" or not (ROOT / name).is_file():
+            continue
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, folder / name)
+    compose(folder / "params.yaml", SMALL)
+    for command in (["init", "-q"], ["add", "-A"], ["commit", "-q", "-m", "start"]):
+        identity = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
+        subprocess.run(["git", *identity, *command], cwd=folder, check=True)
+    return folder
+
+
+def dvc(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {k: v for k, v in os.environ.items() if k not in ("HYBRID_DYNAMICS_MIRROR", "DVC_ROOT")}
+    environment |= {
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "OMP_NUM_THREADS": "1",
+        "GIT_AUTHOR_NAME": "test",
+        "GIT_AUTHOR_EMAIL": "test@example.org",
+        "GIT_COMMITTER_NAME": "test",
+        "GIT_COMMITTER_EMAIL": "test@example.org",
+    }
+    return subprocess.run(
+        [sys.executable, "-m", "dvc", *arguments], cwd=folder, env=environment, capture_output=True, text=True, timeout=900
+    )
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = clone(tmp_path_factory.mktemp("study"))
+    done = dvc(folder, "repro")
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return folder, done.stdout
+
+
+def test_one_pass_writes_every_report(study):
+    folder, output = study
+    assert "SIMULATED TWIN" in output, "a twin must be announced"
+    errors = pd.read_csv(folder / "reports/rmse.csv")
+    assert set(errors["dataset"]) == {"panda", "ur10e"}
+    assert set(errors.loc[errors["dataset"] == "ur10e", "provenance"]) == {"simulated twin"}
+    methods = set(errors["method"])
+    assert {"rigid_body", "least_squares", "sr", "sindy", "r_sr", "r_sindy", "r_sindy_sr", "nn", "r_nn"} <= methods
+    assert {"sindy_scaled", "r_sindy_scaled", "r_sindy_sr_published", "loop"} <= methods
+    page = (folder / "reports/index.html").read_text()
+    assert "simulated twin" in page
+    assert "<script src" not in page
+    assert (folder / "mlflow.db").is_file()
+
+
+def test_second_pass_runs_source_checks_only(study):
+    folder, _ = study
+    done = dvc(folder, "repro")
+    assert done.returncode == 0, done.stderr
+    ran = [line for line in done.stdout.splitlines() if line.startswith("Running stage")]
+    names = {line.split("'")[1] for line in ran}
+    assert names == {"fetch_ur10e", "fetch_wam", "track"}
+    assert "0 of" in done.stdout, "nothing new may be logged to MLflow"
+
+
+def test_experiment_overrides_one_value_and_re_runs_what_depends_on_it(study):
+    folder, _ = study
+    done = dvc(folder, "exp", "run", *(part for o in SMALL for part in ("-S", o)), "-S", "sindy.threshold=0.02")
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
+    assert yaml.safe_load((folder / "params.yaml").read_text())["sindy"]["threshold"] == 0.02
+    ran = {line.split("'")[1].split("@")[0] for line in done.stdout.splitlines() if line.startswith("Running stage")}
+    assert {"train_sindy", "train_r_sindy", "evaluate", "report"} <= ran
+    assert not ran & {"generate_sim", "featurize", "train_sindy_scaled", "train_nn", "train_sr", "close_loop"}
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("sindy.threshold=abc", "sindy.threshold is 'abc'"),
+        ("sindy.threshold=-1", "sindy.threshold is -1"),
+        ("nn.epochs=0", "nn.epochs is 0"),
+    ],
+)
+def test_wrong_parameter_is_one_line(study, override, message):
+    folder, _ = study
+    compose(folder / "params.yaml", [*SMALL, override])
+    stage = "train_nn@ur10e" if override.startswith("nn") else "train_sindy@ur10e"
+    done = dvc(folder, "repro", "--single-item", stage)
+    compose(folder / "params.yaml", SMALL)
+    assert done.returncode != 0
+    lines = [line for line in done.stderr.splitlines() if line.startswith("error:")]
+    assert len(lines) == 1, done.stderr
+    assert message in lines[0]
+    assert "Traceback" not in done.stderr
+
+
+def test_unknown_parameter_is_refused(study):
+    folder, _ = study
+    done = dvc(folder, "exp", "run", "-S", "sindy.treshold=0.1")
+    assert done.returncode != 0
+    assert "treshold" in done.stderr
