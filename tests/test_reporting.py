@@ -1,4 +1,4 @@
-"""The report: errors, tables, Table III, checks, page. Each recovers a known truth; each has a control that must fail."""
+"""The report: errors, tables, Table III, checks, page. Known truth is recovered; a control must fail."""
 
 from __future__ import annotations
 
@@ -268,6 +268,16 @@ def test_sections_from_files(tmp_path: Path) -> None:
     row = dict.fromkeys(("parameter", "expression", "unit"), "m1")
     numbers = dict.fromkeys(("described", "ordinary", "value", "std_error", "relative_std_percent"), None)
     lists = {key: [1.0] for key in ("armature", "viscous", "coulomb", "offset", "noise")}
+    error = {"test": {"before": {"relative_error": 0.31}, "after": {"relative_error": 0.022}}}
+    payload = {
+        "effect": "payload",
+        "joints": [],
+        "parameters": [{"name": "mass", "value": 2.81, "std_error": 0.0312, "unit": "kg"}],
+        "indistinguishable_from": [{"effects": [{"effect": "link_inertia", "joints": ["wrist"]}]}],
+    }
+    write_json(
+        folder / "models" / "loop" / "diagnosis.json", {"verdict": "explained", "effects": [payload], "error": error}
+    )
     write_json(
         folder / "models" / "least_squares" / "model.json",
         {
@@ -285,9 +295,12 @@ def test_sections_from_files(tmp_path: Path) -> None:
     assert "<h4>Found</h4>" in loop.html
     assert loop.html.count("<svg") == 1  # with its tags, two of half the limit already exceed it
     assert "the loop's own report" in loop.html
-    assert "condition number" in squares.html
+    assert "31 % before, 2.2 % after" in loop.html
+    assert "mass 2.81 ± 0.031 kg" in loop.html
+    assert "link_inertia" in loop.html
+    assert "Condition number" in squares.html
     assert "0.002716, 0.1" in derivatives.html
-    assert loop_section("x", tmp_path / "none.html") is None
+    assert loop_section("x", tmp_path / "none") is None
     assert derivative_section(tmp_path / "none.csv") is None
 
 
