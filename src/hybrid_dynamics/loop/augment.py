@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Slot
-from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.trace import Candidate, Judge, rank, same_place
 
@@ -58,22 +58,25 @@ def refit(evidence: Evidence, slots: Sequence[Slot], rounds: int = 3) -> Array:
     return x
 
 
-def search(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None]) -> list[Step]:
-    """Stepwise search, forward and backward, with replacements; returns the steps taken."""
+def search(
+    judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None], start: Sequence[Slot] = ()
+) -> list[Step]:
+    """Stepwise search, forward and backward, with replacements, from ``start``; returns the steps taken."""
     evidence, settings = judge.evidence, judge.settings
-    current: list[Slot] = []
+    current: list[Slot] = list(start)
     steps: list[Step] = []
-    seen: set[frozenset[Slot]] = {frozenset()}
+    seen: set[frozenset[Slot]] = {frozenset(current)}
 
     def record(action: str, slot: Slot | None, table: Sequence[Candidate] = ()) -> None:
         rms = np.sqrt(judge.mean_square(evidence.held_out(current, physical=True)))
         steps.append(Step(action, slot, tuple(current), tuple(table), tuple(float(v) for v in rms)))
         report(steps[-1])
 
-    while len(current) < settings.max_effects:
+    while True:
         before = evidence.held_out(current, physical=True)
         table = rank(judge, current, candidates, before)
-        choice = next((c for c in table if c.accepted and frozenset([*current, c.slot]) not in seen), None)
+        room = len(current) < settings.max_effects
+        choice = next((c for c in table if room and c.accepted and frozenset([*current, c.slot]) not in seen), None)
         if choice is None:
             replaced = _replace(judge, current, candidates, before, seen)
             if replaced is None:
@@ -102,6 +105,8 @@ def _settings(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot])
     best = list(current)
     score = float(judge.score(judge.evidence.held_out(best)).sum())
     for i, slot in enumerate(current):
+        if ONLY_RUN in dict(slot.settings):
+            continue
         for other in candidates:
             if other != slot and same_place(other, slot):
                 trial = [*best[:i], other, *best[i + 1 :]]

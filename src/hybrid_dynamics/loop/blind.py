@@ -224,15 +224,20 @@ def score_blind(
     truth: Mapping[str, Any],
     diagnosis: Mapping[str, Any],
     robot: Robot,
+    train: Sequence[Trajectory],
     test: Sequence[Trajectory],
     settings: ProcessSettings | None = None,
 ) -> dict[str, Any]:
     """One row of ``blind.csv``. Errors are those of the joint whose error after is largest against the true model's.
 
+    The noise floor is compared with the true model's error on the training runs it was estimated from: the worst joint
+    counts.
+
     ``parameter_error`` is the largest relative error of the hidden effects (see :func:`parameter_errors`), None where
     they were not all named.
     """
     runs = [process(t, robot, settings or ProcessSettings()) for t in test]
+    own = [process(t, robot, settings or ProcessSettings()) for t in train]
     hidden = [(e["effect"], tuple(e["joints"])) for e in truth["effects"]]
     named = [(e["effect"], tuple(e["joints"])) for e in diagnosis["effects"]]
     right = all(h in named for h in hidden)
@@ -243,6 +248,7 @@ def score_blind(
     before = np.array(diagnosis["error_moving"]["test"]["before"]["rmse"])
     after_all = np.array(diagnosis["error"]["test"]["after"]["rmse"])
     floor = np.array(diagnosis["noise_floor"])
+    ratio = floor / np.maximum(moving_rms(model, own), 1e-12)
     worst = int(np.argmax(after / np.maximum(exact, 1e-12)))
     errors = parameter_errors(truth, diagnosis, robot, runs) if right and hidden else []
     return {
@@ -265,7 +271,7 @@ def score_blind(
         "joint": robot.joint_names[worst],
         "rmse_after_all_rows": after_all[worst],
         "rmse_true_model_all_rows": exact_all[worst],
-        "floor_over_true_model": float(np.max(np.abs(floor / np.maximum(exact, 1e-12) - 1))) + 1,
+        "floor_over_true_model": float(ratio[np.argmax(np.abs(np.log(np.maximum(ratio, 1e-12))))]),
     }
 
 

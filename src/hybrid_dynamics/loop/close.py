@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from hybrid_dynamics.effects import Slot, family
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop.augment import Step, model_of, refit, search
+from hybrid_dynamics.loop.augment import Step, effects_of, model_of, refit, search
 from hybrid_dynamics.loop.checks import check_logs, check_torque
 from hybrid_dynamics.loop.diagnosis import errors_of, moving_rms, rounded, validate_diagnosis, verdict_of
 from hybrid_dynamics.loop.evidence import Evidence
@@ -19,6 +20,7 @@ from hybrid_dynamics.loop.identifiability import inconsistent, indistinguishable
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.process import Run, moving_joints, process
+from hybrid_dynamics.loop.runs import pool, split_by_run
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unexplained import expression_of
@@ -56,18 +58,29 @@ def close_loop(
     ``train`` and ``test`` hold ``q tau`` (``dq`` where the log has it) on a uniform grid. Without test runs the last
     part of every training run is held out. Raises :class:`InputError` where no verdict can be given.
     """
-    settings = settings or LoopSettings()
-    base = start or Model(robot)
+    # One thread: matrices are small, and the same input gives the same digits on every machine load.
+    with threadpool_limits(1):
+        return _close(robot, list(train), list(test), settings or LoopSettings(), start or Model(robot), progress)
+
+
+def _close(
+    robot: Robot,
+    train: list[Trajectory],
+    test: list[Trajectory],
+    settings: LoopSettings,
+    base: Model,
+    progress: Progress | None,
+) -> LoopResult:
     tell = progress or (lambda stage, share: None)
     if not train:
         raise InputError("no training run is given; expected at least one log with positions and torques")
     check_logs(robot, [*train, *test])
-    train, test, notes = _hold_out(list(train), list(test), settings)
+    train, test, notes = _hold_out(train, test, settings)
 
     tell("reading the motion", 0.05)
     runs = [process(t, base.completed_robot, settings.process) for t in train]
     tests = [process(t, base.completed_robot, settings.process) for t in test]
-    notes += check_torque(base, runs)
+    check_torque(base, runs)
     moving = moving_joints(runs, settings.process)
     if not moving.any():
         raise InputError(
@@ -95,19 +108,35 @@ def close_loop(
         tell(f"{step.action}{what}", min(0.5 + 0.02 * count, 0.85))
 
     steps = search(judge, slots, report)
-    chosen = _drop_guesses(judge, list(steps[-1].slots))
+    seen = floor > 0
+    tolerated = np.sqrt(1 + settings.floor_tolerance**2) * floor
+    torn: list[Slot] = []
+    if np.any(seen & (np.array(steps[-1].held_out) > tolerated)):
+        tell("comparing the runs", 0.85)
+        further = split_by_run(judge, steps[-1].slots, slots, report)
+        steps += further
+        if further:
+            torn = list(steps[-1].slots)
+            notes.append("the runs disagree: a whole-robot effect has its own parameters in every training run")
+        elif len(runs) > 1:
+            evidence.fold_by_run()
     tell("asking what the data cannot tell", 0.9)
-    refit(evidence, chosen)
+    if torn:
+        chosen, x = pool(judge, torn)
+        held = np.sqrt(judge.mean_square(evidence.held_out(torn, physical=True)))
+    else:
+        chosen = _drop_guesses(judge, list(steps[-1].slots))
+        x = refit(evidence, chosen)
+        held = np.sqrt(judge.mean_square(evidence.held_out(chosen, physical=True)))
     alternatives = indistinguishable(judge, chosen, slots)
-    disagreeing = inconsistent(judge, chosen)
+    disagreeing = inconsistent(judge, chosen, x)
     open_parameters = {s: undetermined(evidence, chosen, s) for s in chosen}
 
     models = [base, *(model_of(evidence, chosen[: k + 1]) for k in range(len(chosen)))]
-    held = np.sqrt(judge.mean_square(evidence.held_out(chosen, physical=True)))
+    if torn:
+        models[-1] = base.adding(effects_of(evidence, chosen, x, evidence.covariance(chosen, x)))
     initial = np.sqrt(judge.mean_square(evidence.held_out([])))
     model = models[-1]
-    seen = floor > 0
-    tolerated = np.sqrt(1 + settings.floor_tolerance**2) * floor
     explained = ~seen | (held <= tolerated)
     excess = np.maximum(initial**2 - floor**2, 1e-300)
     left = np.where(seen, np.maximum(held**2 - floor**2, 0.0) / np.maximum(excess, held**2 - floor**2 + 1e-300), 0.0)

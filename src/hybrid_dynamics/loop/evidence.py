@@ -22,6 +22,10 @@ from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
 Array = NDArray[np.float64]
 
 
+#: Setting of a slot that acts in one run only (an effect fitted run by run).
+ONLY_RUN = "only_run"
+
+
 @dataclass(frozen=True)
 class Layout:
     """Where the coordinates of a combination of slots stand: ``positions[slot]`` in x, size ``total``."""
@@ -67,6 +71,20 @@ class Evidence:
                 fold.append(k * folds // per_run if single else r)
         self.block_run, self.block_fold, self.block_rows = np.array(owner), np.array(fold), bounds
         self.folds = folds
+        self._run_folds = folds, self.block_fold.copy()
+
+    def fold_by_run(self) -> None:
+        """The folds of the beginning again."""
+        self.folds, self.block_fold = self._run_folds[0], self._run_folds[1].copy()
+        self._sum()
+
+    def fold_by_time(self) -> None:
+        """Fold anew: contiguous parts of every run in turn, so that every run is in every fit."""
+        self.folds = self.settings.time_folds
+        for r in range(len(self.runs)):
+            mine = np.flatnonzero(self.block_run == r)
+            self.block_fold[mine] = np.arange(len(mine)) * self.folds // max(len(mine), 1)
+        self._sum()
 
     def add_slots(self, slots: Sequence[Slot]) -> None:
         """Compute and append the columns of ``slots`` (those not there yet)."""
@@ -74,6 +92,9 @@ class Evidence:
             if slot in self._columns:
                 continue
             parts = [run.smooth(slot.family().columns(run.motion, slot)) for run in self.runs]
+            only = dict(slot.settings).get(ONLY_RUN)
+            if only is not None:
+                parts = [p if run.name == only else np.zeros_like(p) for p, run in zip(parts, self.runs, strict=True)]
             where: list[slice | None] = []
             for j in range(self.n):
                 own = [p if p.ndim == 2 else p[:, j] for p in parts]
@@ -103,6 +124,22 @@ class Evidence:
                 gram[b] = rows.T @ rows
                 self.count[b, j] = keep.sum()
             self.gram.append(gram)
+        self._sum()
+
+    def _retarget(self) -> None:
+        """Renew what depends on the target in the Gram matrices."""
+        for r, run in enumerate(self.runs):
+            mine = np.flatnonzero(self.block_run == r)
+            edges = [self.block_rows[b][0] for b in mine]
+            for j in range(self.n):
+                target = np.where(run.mask[:, j], self.target[r][:, j], 0.0)
+                products = np.add.reduceat(self._rows[r][j] * target[:, None], edges, axis=0)
+                self.gram[j][mine, :-1, -1] = products
+                self.gram[j][mine, -1, :-1] = products
+                self.gram[j][mine, -1, -1] = np.add.reduceat(target**2, edges)
+        self._sum()
+
+    def _sum(self) -> None:
         self.fold_gram = [[g[self.block_fold != f].sum(axis=0) for g in self.gram] for f in range(self.folds)]
         self.full_gram = [g.sum(axis=0) for g in self.gram]
         self.samples = self.count.sum(axis=0)
@@ -120,7 +157,7 @@ class Evidence:
                     if where is not None:
                         linear += self._rows[r][j][:, where] @ x[start : start + slot.family().size]
                 self.target[r][:, j] = run.tau[:, j] - exact[:, j] + linear
-        self._reduce()
+        self._retarget()
 
     def joint_rows(self, run: int, joint: int) -> Array:
         """Smoothed columns (K, p) of all slots that act on ``joint`` in run number ``run``."""

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 VARIABLE = {"armature": "ddq", "torque_offset": "time", "joint_spring": "q", "gravity_tilt": "q", "torque_ripple": "q"}
 LABEL = {"q": "position [rad]", "dq": "speed [rad/s]", "ddq": "acceleration [rad/s²]", "time": "time [s]"}
 COLOURS = ("#b5482a", "#1f6f8b")
-MAX_POINTS = 1500
+MAX_POINTS = 1200
 
 
 def svg(figure: Figure) -> str:
@@ -43,7 +43,7 @@ def effect_figure(effect: Effect, before: Model, after: Model, runs: Sequence[Ru
         joints = [names.index(effect.joints[0])]
     joints_drawn = joints if effect.joints and effect.effect != "link_inertia" else sorted(np.argsort(-change)[:3].tolist())
     kind = VARIABLE.get(effect.effect, "time" if not effect.joints or effect.effect == "link_inertia" else "dq")
-    figure = Figure(figsize=(3.6 * len(joints_drawn), 2.6), layout="constrained")
+    figure = Figure(figsize=(3.6 * len(joints_drawn), 2.6), layout="constrained", dpi=110)
     for place, j in enumerate(joints_drawn):
         axes = figure.add_subplot(1, len(joints_drawn), place + 1)
         if kind == "time":
@@ -52,7 +52,7 @@ def effect_figure(effect: Effect, before: Model, after: Model, runs: Sequence[Ru
             x = np.concatenate([getattr(run, kind)[:, j] for run in runs])
         thin = slice(None, None, max(len(x) // MAX_POINTS, 1))
         for values, colour, label in zip(residuals, COLOURS, ("before", "after"), strict=True):
-            axes.plot(x[thin], values[thin, j], ".", color=colour, markersize=2, label=label, rasterized=False)
+            axes.plot(x[thin], values[thin, j], ".", color=colour, markersize=2, label=label, rasterized=True)
         axes.axhline(0, color="#888888", linewidth=0.6)
         axes.set_title(names[j], fontsize=9)
         axes.set_xlabel(LABEL[kind], fontsize=8)

@@ -114,10 +114,10 @@ def undetermined(evidence: Evidence, slots: Sequence[Slot], slot: Slot) -> list[
     return [p.name for p, open_ in zip(kind.parameters, loose, strict=True) if open_]
 
 
-def inconsistent(judge: Judge, slots: Sequence[Slot]) -> dict[Slot, list[dict[str, Any]]]:
+def inconsistent(judge: Judge, slots: Sequence[Slot], x: Array) -> dict[Slot, list[dict[str, Any]]]:
     """Effects whose parameters differ between training runs by more than uncertainty, fitted run by run.
 
-    Every effect in turn is fitted to one run alone, the others held; it disagrees where its own parameters lower that
+    ``x`` are the coordinates of all slots. Every effect in turn is fitted to one run alone, the others held; it disagrees where its own parameters lower that
     run's error by more than one squared floor on enough joints, and a parameter differs by more than three standard
     errors from the mean of the runs.
     """
@@ -126,7 +126,6 @@ def inconsistent(judge: Judge, slots: Sequence[Slot]) -> dict[Slot, list[dict[st
     out: dict[Slot, list[dict[str, Any]]] = {}
     if runs < 2:
         return out
-    x = evidence.fit(slots)
     layout = evidence.layout(slots)
     for slot, start in zip(layout.slots, layout.starts, strict=True):
         size = slot.family().size
@@ -134,7 +133,7 @@ def inconsistent(judge: Judge, slots: Sequence[Slot]) -> dict[Slot, list[dict[st
         fits = []
         for r in range(runs):
             mine = evidence.block_run == r
-            own, covariance, gain = _fit_alone(evidence, slots, x, slot, start, mine)
+            own, covariance, gain = fit_alone(evidence, slots, x, slot, start, mine)
             fits.append((own, covariance, gain))
         if not any(judge.matters(slot, gain, 1.0) for _, _, gain in fits):
             continue
@@ -163,7 +162,7 @@ def inconsistent(judge: Judge, slots: Sequence[Slot]) -> dict[Slot, list[dict[st
     return out
 
 
-def _fit_alone(
+def fit_alone(
     evidence: Evidence, slots: Sequence[Slot], x: Array, slot: Slot, start: int, blocks: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
     """Coordinates of ``slot`` on ``blocks`` with all others held at ``x``; covariance; gain (n,) [N m]^2."""
