@@ -35,7 +35,7 @@ repro: venv
 	@$(MAKE) --no-print-directory tables
 
 tables: venv
-	@python stages/print_tables.py
+	@python -m stages.print_tables
 
 lint: venv
 	@echo "== ruff and mypy"
@@ -48,7 +48,7 @@ test: lint
 	@pytest
 
 params: venv
-	@python stages/compose.py
+	@python -m stages.compose $(ARGS)
 
 ui: venv
 	@mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///$(CURDIR)/mlflow.db

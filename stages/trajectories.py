@@ -28,7 +28,7 @@ def main() -> None:
     robot = Robot.from_urdf(files.robot)
     if source["provenance"] == RECORDED:
         reader = section(params, f"{name}.reader", ReaderSettings)
-        trajectories = (read_run(reader, run, files.source, robot, print) for run in runs)
+        trajectories = (part for run in runs for part in read_run(reader, run, files.source, robot, print))
     else:
         twin = section(params, f"{name}.twin", TwinSettings)
         with progress_bar(f"{files.dataset}: simulating the twin") as progress:

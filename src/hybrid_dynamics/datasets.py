@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hybrid_dynamics.errors import InputError, require
-from hybrid_dynamics.readers import Notify, Ur10eSettings, read_log, read_ur10e, read_wam, read_wam_reference
+from hybrid_dynamics.readers import Notify, Ur10eSettings, read_pieces, read_ur10e, read_wam, read_wam_reference
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
 from hybrid_dynamics.robots.dh import DHLimit, DHLink, DHRow, dh_to_urdf
 from hybrid_dynamics.simulation import (
@@ -104,7 +104,13 @@ def _resolve(place: str, source: Path | None) -> Path | None:
         return find_description(place.removeprefix(PACKAGE))
     if place.startswith(SOURCE):
         return source / place.removeprefix(SOURCE) if source is not None else None
-    return Path(place)
+    copy = source / taken_in(place) if source is not None else None
+    return copy if copy is not None and copy.is_file() else Path(place)
+
+
+def taken_in(path: str) -> str:
+    """Where a file given by ``path`` lies below the dataset's source folder."""
+    return Path(path).as_posix().lstrip("/.")
 
 
 @dataclass(frozen=True)
@@ -171,15 +177,15 @@ class ReaderSettings:
         )
 
 
-def read_run(settings: ReaderSettings, run: Run, folder: Path, robot: Robot, notify: Notify) -> Trajectory:
-    """One recorded run of ``folder`` as a trajectory on a uniform grid."""
-    path = folder / run.file
+def read_run(settings: ReaderSettings, run: Run, folder: Path, robot: Robot, notify: Notify) -> list[Trajectory]:
+    """One recorded run of ``folder`` on a uniform grid; several parts where a user's log has long gaps."""
+    path = folder / taken_in(run.file)
     if settings.format == "ur10e":
         window = (run.rows[0], run.rows[1]) if run.rows else None
-        return read_ur10e(path, run.name, run.split, settings.ur10e, window, notify)
+        return [read_ur10e(path, run.name, run.split, settings.ur10e, window, notify)]
     if settings.format == "wam":
-        return read_wam(path, run.name, run.split, settings.dt, notify)
-    return read_log(path, robot.joint_names, run.name, run.split)
+        return [read_wam(path, run.name, run.split, settings.dt, notify)]
+    return read_pieces(path, robot.joint_names, run.name, run.split, notify=notify)
 
 
 def picture_of(settings: RobotSettings) -> Path | None:

@@ -1,0 +1,44 @@
+"""Stage import_logs: the logs and URDF of one's own robot, copied so that a change of them re-runs the study."""
+
+import shutil
+from pathlib import Path
+
+from hybrid_dynamics.config import load_params, section
+from hybrid_dynamics.datasets import RobotSettings, Run, taken_in
+from hybrid_dynamics.errors import InputError, run_main
+from hybrid_dynamics.files import write_json
+from hybrid_dynamics.sources.fetch import SOURCE_FILE
+from hybrid_dynamics.trajectory import RECORDED
+from stages.common import dataset_argument
+
+
+def main() -> None:
+    files = dataset_argument(__doc__)
+    params = load_params()
+    runs = section(params, f"dataset.{files.dataset}.runs", list[Run])
+    robot = section(params, f"dataset.{files.dataset}.robot", RobotSettings)
+    places = {name: Path(name) for name in (robot.urdf, *(run.file for run in runs))}
+    for name, path in places.items():
+        if not path.exists():
+            raise InputError(f"{name}: no such file; correct conf/dataset/{files.dataset}.yaml and run make params")
+    target = files.source
+    temporary = target.with_name(f".{target.name}.tmp")
+    shutil.rmtree(temporary, ignore_errors=True)
+    for path in places.values():
+        copy = temporary / taken_in(str(path))
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            shutil.copytree(path, copy)
+        else:
+            shutil.copyfile(path, copy)
+    write_json(
+        temporary / SOURCE_FILE,
+        {"dataset": files.dataset, "provenance": RECORDED, "repository": "your logs", "licence": "yours", "notice": ""},
+    )
+    shutil.rmtree(target, ignore_errors=True)
+    temporary.rename(target)
+    print(f"{files.dataset}: {len(runs)} logs taken in")
+
+
+if __name__ == "__main__":
+    run_main(main)
