@@ -206,7 +206,7 @@ def test_the_page_is_self_contained_and_says_where_the_data_is_from(report: Path
     assert "Barrett WAM (simulated twin)" in page
     assert page.count('class="badge twin"') >= 3
     assert "Table IV." in page
-    assert "paper 60.189" not in page  # sindy was not run: no cell of ours to stand beside
+    assert "paper 60.189" in page  # beside the scaled variant of the same method
     assert "paper 0.483" in page
     assert "LOOP FRAGMENT" in page
     assert page.index("LOOP FRAGMENT") < page.index("<p>B</p>")

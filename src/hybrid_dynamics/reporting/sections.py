@@ -158,9 +158,14 @@ def _named(diagnosis: Mapping[str, Any]) -> str:
     verdict = diagnosis["verdict"]
     return (
         f"<p><b>{escape(verdict.replace('_', ' ')).capitalize()}</b>: {VERDICTS[verdict]}. Pooled error on held-out "
-        f"runs, at the loop's own bandwidth: {_number(100 * before, 3)} % before, {_number(100 * after, 3)} % after.</p>"
+        f"runs, at the loop's own bandwidth: {100 * before:.3g} % before, {100 * after:.3g} % after.</p>"
         + (table(heads, rows) if rows else "<p>No effect was named.</p>")
     )
+
+
+def _parameter(parameter: Mapping[str, Any]) -> str:
+    error = _number(parameter["std_error"], 2)
+    return f"{parameter['name']} {_number(parameter['value'])} ± {error} {parameter['unit']}"
 
 
 def _limited(body: str) -> str:
