@@ -40,7 +40,7 @@ class MethodSettings:
 
     sr: SymbolicSettings = field(default_factory=SymbolicSettings)
     sindy: SindySettings = field(default_factory=SindySettings)
-    sindy_scaled: SindySettings = field(default_factory=lambda: SindySettings(threshold=1e-3, scaled=True))
+    sindy_scaled: SindySettings = field(default_factory=lambda: SindySettings(threshold=1e-3, alpha=1e-6, scaled=True))
     nn: NetworkSettings = field(default_factory=NetworkSettings)
 
     def __post_init__(self) -> None:

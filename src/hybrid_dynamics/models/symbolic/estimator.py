@@ -23,7 +23,7 @@ Progress = Callable[[int, int], None]
 
 
 class SymbolicEstimator(RegressorMixin, BaseEstimator):
-    """One expression per joint. Learned: ``expressions_`` and ``shares_explained_`` (n each), ``front_`` (all joints)."""
+    """One expression a joint. Learned: ``expressions_``, ``shares_explained_`` (n each), ``front_`` (all joints)."""
 
     def __init__(self, settings: SymbolicSettings | None = None, progress: Progress | None = None) -> None:
         self.settings = settings

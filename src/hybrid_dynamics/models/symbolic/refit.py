@@ -28,11 +28,15 @@ _NEWTON_ROWS = 50_000
 
 @dataclass(frozen=True)
 class Fit:
-    """A re-fitted sum of terms: ``bases`` times ``coefficients``, and the mean squared error it leaves."""
+    """A re-fitted sum of terms: ``bases`` times ``coefficients``.
+
+    ``mse`` is the mean squared error on all samples, ``held_out`` the one on blocks of samples left out of the fit.
+    """
 
     bases: tuple[sp.Expr, ...]
     coefficients: tuple[float, ...]
     mse: float
+    held_out: float
 
     @property
     def expression(self) -> sp.Expr:
@@ -49,37 +53,60 @@ def bases_of(expression: sp.Expr) -> list[sp.Expr]:
     return list(dict.fromkeys(term.as_coeff_Mul()[1] for term in sp.Add.make_args(expand(expression)) if term != 0))
 
 
-def fit_terms(bases: Sequence[sp.Expr], X: Array, y: Array, names: Sequence[str], least: float, share: float) -> Fit:
-    """Least squares over ``bases`` on all samples, then backward elimination.
+@dataclass(frozen=True)
+class Pruning:
+    """When a term is worth keeping.
 
-    The term whose removal costs least is removed (the others re-fitted) while that cost is below
-    ``least + share * (variance left unexplained)``, both in N^2 m^2.
+    Of the models along backward elimination the smallest is taken whose held-out error is at most
+    ``(1 + share) * best + least`` (``least`` in N^2 m^2). ``blocks`` contiguous blocks are held out in turn: samples
+    beside each other are alike, so only whole stretches of a recording test a model.
     """
+
+    least: float
+    share: float
+    blocks: int
+
+
+def fit_terms(bases: Sequence[sp.Expr], X: Array, y: Array, names: Sequence[str], pruning: Pruning) -> Fit:
+    """Least squares over ``bases`` on all samples, and backward elimination: see :class:`Pruning`."""
     ordered = sorted(dict.fromkeys(bases), key=lambda b: (complexity(b), str(b)))
-    compiled = CompiledExpressions(ordered, names)
     count, samples = len(ordered), len(X)
-    factor = triangular_factor(X, y[:, None], compiled, count, _CHUNK_ROWS) if count else np.array([[_norm(y)]])
-    keep = _independent(factor, count)
+    factors, norms = _block_factors(CompiledExpressions(ordered, names), count, X, y, pruning.blocks)
+    whole = np.asarray(np.linalg.qr(np.vstack(list(factors)), mode="r"))
+    keep = _independent(whole, count)
+    path: list[tuple[NDArray[np.intp], Array, float, float]] = []
     while True:
-        values, costs, left = _solve(factor, keep, count)
-        mse = left / samples
-        if not len(keep) or costs.min() / samples >= least + share * mse:
+        values, costs, left = _solve(whole, keep, count)
+        path.append((keep, values, left / samples, _held_out(factors, keep, count) / samples))
+        if not len(keep):
             break
         keep = np.delete(keep, int(np.argmin(costs)))
-    return Fit(tuple(ordered[k] for k in keep), tuple(float(v) for v in values), mse)
+    bound = (1 + pruning.share) * min(step[3] for step in path) + pruning.least
+    keep, values, mse, held_out = [step for step in path if step[3] <= bound][-1]
+    return Fit(tuple(ordered[k] for k in keep), tuple(float(v) for v in values / norms[keep]), mse, held_out)
 
 
-def _norm(y: Array) -> float:
-    return float(np.linalg.norm(y))
+def _block_factors(compiled: CompiledExpressions, count: int, X: Array, y: Array, blocks: int) -> tuple[Array, Array]:
+    """Triangular factors of [b(x) y] of contiguous blocks, columns of unit length over all, and those lengths."""
+    edges = np.linspace(0, len(X), min(blocks, max(len(X) // 2, 1)) + 1).astype(int)
+    factors = np.zeros((len(edges) - 1, count + 1, count + 1))
+    for factor, start, stop in zip(factors, edges[:-1], edges[1:], strict=True):
+        if count:
+            factor[:] = triangular_factor(X[start:stop], y[start:stop, None], compiled, count, _CHUNK_ROWS)
+        else:
+            factor[0, 0] = np.linalg.norm(y[start:stop])
+    norms = np.sqrt(np.sum(factors[:, :, :count] ** 2, axis=(0, 1)))
+    norms[norms == 0] = 1.0
+    factors[:, :, :count] /= norms
+    return factors, norms
 
 
-def _independent(factor: Array, count: int) -> NDArray[np.intp]:
+def _independent(whole: Array, count: int) -> NDArray[np.intp]:
     """Columns that are finite, not zero, and not a combination of those before them (which are simpler)."""
-    norms = np.linalg.norm(factor[:, :count], axis=0)
-    keep = np.flatnonzero(np.isfinite(norms) & (norms > 0))
+    size = np.linalg.norm(whole[:, :count], axis=0)
+    keep = np.flatnonzero(np.isfinite(size) & (size > 0))
     while len(keep):
-        scaled = factor[:, keep] / norms[keep]
-        diagonal = np.abs(np.diag(np.linalg.qr(scaled, mode="r")))
+        diagonal = np.abs(np.diag(np.asarray(np.linalg.qr(whole[:, keep], mode="r"))))
         dependent = np.flatnonzero(diagonal < _DEPENDENT)
         if not len(dependent):
             break
@@ -87,18 +114,31 @@ def _independent(factor: Array, count: int) -> NDArray[np.intp]:
     return keep
 
 
-def _solve(factor: Array, keep: NDArray[np.intp], count: int) -> tuple[Array, Array, float]:
+def _solve(whole: Array, keep: NDArray[np.intp], count: int) -> tuple[Array, Array, float]:
     """Coefficients, the rise of the squared error when each is left out, and the squared error of all."""
-    norms = np.linalg.norm(factor[:, keep], axis=0)
-    r = np.asarray(np.linalg.qr(np.column_stack([factor[:, keep] / norms, factor[:, count]]), mode="r"))
     p = len(keep)
+    r = np.asarray(np.linalg.qr(whole[:, [*keep, count]], mode="r"))
     left = float(np.sum(r[p:, p] ** 2))
     if p == 0:
         return np.zeros(0), np.zeros(0), left
     inverse = solve_triangular(r[:p, :p], np.eye(p))
     values = inverse @ r[:p, p]
-    costs = values**2 / np.sum(inverse**2, axis=1)
-    return values / norms, costs, left
+    return values, values**2 / np.sum(inverse**2, axis=1), left
+
+
+def _held_out(factors: Array, keep: NDArray[np.intp], count: int) -> float:
+    """Squared error, summed over the blocks, each predicted by the fit to all the others."""
+    p, blocks = len(keep), len(factors)
+    parts = factors[:, :, [*keep, count]]
+    if p == 0 or blocks == 1:
+        return float(np.sum(parts[:, :, p] ** 2)) if p == 0 else _solve(factors[0], keep, count)[2]
+    others = np.stack([np.delete(parts, k, axis=0).reshape(-1, p + 1) for k in range(blocks)])
+    # A trace of ridge keeps a fold solvable in which a term does not move.
+    ridge = np.broadcast_to(_DEPENDENT * np.eye(p, p + 1), (blocks, p, p + 1))
+    r = np.asarray(np.linalg.qr(np.concatenate([others, ridge], axis=1), mode="r"))
+    values = np.linalg.solve(r[:, :p, :p], r[:, :p, p:])
+    errors = parts[:, :, :p] @ values - parts[:, :, p:]
+    return float(np.sum(errors**2))
 
 
 def fit_constants(expression: sp.Expr, X: Array, y: Array, names: Sequence[str]) -> sp.Expr:

@@ -21,7 +21,7 @@ from hybrid_dynamics.models.expressions import (
     plain_symbols,
 )
 from hybrid_dynamics.models.symbolic.engines import Engine, make_engine, variable_names
-from hybrid_dynamics.models.symbolic.refit import Fit, bases_of, fit_constants, fit_terms
+from hybrid_dynamics.models.symbolic.refit import Fit, Pruning, bases_of, fit_constants, fit_terms
 from hybrid_dynamics.models.symbolic.settings import (
     Candidate,
     FrontRow,
@@ -88,17 +88,19 @@ class _Search:
 
     def run(self) -> Fit:
         settings = self.settings
-        fit = Fit((), (), float(np.mean(self.y**2)))
+        size = float(np.mean(self.y**2))
+        fit = Fit((), (), size, size)
         for number in range(1, settings.max_rounds + 1):
             # A round cannot gain more than what is left.
-            if fit.mse <= settings.min_gain * self.total or not len(self.used):
+            if fit.held_out <= settings.min_gain * self.total or not len(self.used):
                 break
             better = self._round(number, fit)
-            gain = fit.mse - better.mse
+            before = fit.held_out
+            gain = before - better.held_out
             if gain > 0:
                 fit = better
                 self._note_refit(number, fit)
-            if gain < max(settings.min_gain * self.total, settings.min_residual_gain * (fit.mse + gain)):
+            if gain < max(settings.min_gain * self.total, settings.min_residual_gain * before):
                 break
         self._select_last_refit()
         return fit
@@ -133,16 +135,16 @@ class _Search:
         for _ in range(2):
             tried = self._fit(bases)
             refined = fit_constants(tried.expression, self.X, self.y, self.names)
-            tried = min(tried, self._fit(bases_of(refined)), key=lambda f: f.mse)
-            if tried.mse < best.mse:
+            tried = min(tried, self._fit(bases_of(refined)), key=lambda f: f.held_out)
+            if tried.held_out < best.held_out:
                 best = tried
             bases = list(best.bases)
         return best
 
     def _fit(self, bases: list[sp.Expr]) -> Fit:
         settings = self.settings
-        least = settings.drop_share * self.total
-        return fit_terms(bases, self.X, self.y, self.names, least, settings.drop_residual_share)
+        pruning = Pruning(settings.drop_share * self.total, settings.drop_residual_share, settings.blocks)
+        return fit_terms(bases, self.X, self.y, self.names, pruning)
 
     def _note_search(self, number: int, found: list[Candidate], chosen: Candidate) -> None:
         for candidate in found:

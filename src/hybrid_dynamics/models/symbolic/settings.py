@@ -30,8 +30,9 @@ class SymbolicSettings:
     ``max_rounds``     rounds at most
     ``min_gain``       rounds end when one gains less than this share of var(tau)
     ``min_residual_gain``  ... or less than this share of what is left (recorded data: the rest is noise)
-    ``drop_share``     a term is dropped that contributes less than this share of var(tau) ...
+    ``drop_share``     terms are dropped that contribute less than this share of var(tau) ...
     ``drop_residual_share``  ... plus this share of the variance that is left unexplained
+    ``blocks``         contiguous blocks of samples held out in turn to judge what a term contributes
     ``workers``        joints at once; the result does not depend on it
     """
 
@@ -46,7 +47,8 @@ class SymbolicSettings:
     min_gain: float = 1e-6
     min_residual_gain: float = 0.01
     drop_share: float = 1e-6
-    drop_residual_share: float = 1e-3
+    drop_residual_share: float = 0.01
+    blocks: int = 5
     workers: int = 2
     seed: int = 0
 
@@ -62,6 +64,7 @@ class SymbolicSettings:
         for name in ("batch", "evaluations", "iterations", "population", "max_rounds", "workers"):
             value = getattr(self, name)
             require(value >= 1, f"sr.{name} is {value}; expected 1 or more")
+        require(self.blocks >= 2, f"sr.blocks is {self.blocks}; expected 2 or more")
         require(self.max_length >= 3, f"sr.max_length is {self.max_length}; expected 3 or more")
         for name in ("min_gain", "min_residual_gain", "drop_share", "drop_residual_share"):
             value = getattr(self, name)
