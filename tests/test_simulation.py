@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -10,6 +11,7 @@ import pytest
 
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.robots.dh import DHLimit, DHLink, DHRow, dh_to_urdf
 from hybrid_dynamics.simulation import (
     ControllerSettings,
     Reference,
@@ -17,6 +19,7 @@ from hybrid_dynamics.simulation import (
     Refusal,
     Rollout,
     SimulationSettings,
+    coulomb,
     effective_inertia,
     make_controller,
     multi_sine,
@@ -213,3 +216,23 @@ def test_settings_out_of_range(wrong: dict[str, float], named: str) -> None:
         ControllerSettings(ratio=0.9)
     with pytest.raises(InputError, match="damping holds 3"):
         next(simulate_dataset(PANDA, SHORT, damping=(1.0, 1.0, 1.0)))
+
+
+def test_an_endless_joint_moves_like_a_bounded_one(tmp_path: Path) -> None:
+    """Continuous joints take Pinocchio's cosine and sine; the motion must be the same."""
+    rows = [DHRow(np.pi / 2, 0.1, 0.3), DHRow(0.0, 0.4, 0.0), DHRow(0.5, 0.3, 0.1)]
+    links = [DHLink(2.0, (0.0, 0.1, 0.05), (0.05, 0.0, 0.0, 0.04, 0.0, 0.03))] * 3
+    text = dh_to_urdf("three", ["a", "b", "c"], rows, links, [DHLimit(-3.0, 3.0, 4.0, 200.0)] * 3)
+    runs = []
+    for kind in ("revolute", "continuous"):
+        path = tmp_path / f"{kind}.urdf"
+        path.write_text(text.replace('name="b" type="revolute"', f'name="b" type="{kind}"'))
+        robot = Robot.from_urdf(path)
+        reference = multi_sine(Robot.from_urdf(tmp_path / "revolute.urdf"), ReferenceSettings(), 1.0, 1e-3, 1)
+        controller = make_controller(robot, ControllerSettings(kp=(50.0,) * 3, ki=(5.0,) * 3, kd=(5.0,) * 3), 1e-3)
+        run = simulate(robot, [reference], controller, 2e-4, viscous([1.0] * 3) + coulomb([1.0] * 3))[0]
+        assert isinstance(run, Rollout), run.why
+        runs.append(run)
+    assert np.isinf(robot.position_limits[1][1])
+    assert np.abs(runs[0].q - runs[1].q).max() < 1e-6
+    assert np.ptp(runs[0].q, axis=0).min() > 0.1

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation import (
@@ -23,6 +25,7 @@ from hybrid_dynamics.simulation import (
     stribeck,
     viscous,
 )
+from hybrid_dynamics.simulation.friction import DrySolver
 from tests_support_simulation import interval_residual, passive_controller
 
 LOCK = ("panda_finger_joint1", "panda_finger_joint2")
@@ -150,3 +153,24 @@ def test_dahl_hysteresis_slides_at_its_coulomb_level_and_springs_back() -> None:
     assert np.abs(deflection[1]) == pytest.approx(expected, rel=0.02)
     assert deflection[1] * gravity[-1, 1] < 0
     assert np.abs(held.dq[-1]).max() < 1e-3
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**31), joints=st.integers(1, 7))
+def test_solver_meets_the_friction_law_whatever_the_coupling(seed: int, joints: int) -> None:
+    """v' = 0 inside the box, v' >= 0 at the upper bound, v' <= 0 at the lower one, and v' = w - h M^-1 (f - f0)."""
+    rng = np.random.default_rng(seed)
+    spread = rng.normal(size=(5, joints, joints))
+    inverse = np.einsum("rij,rkj->rik", spread, spread) + 0.3 * np.eye(joints)
+    forward, backward = rng.uniform(0, 10, (2, 5, joints))
+    f = rng.uniform(-backward, forward)
+    w = rng.normal(size=(5, joints)) * 0.03
+    start, before = f.copy(), w.copy()
+    solver = DrySolver(PANDA.model, np.arange(joints))
+    solver._minverse = inverse
+    solver.solve(np.zeros((joints, 5)), w, f, backward, forward, 1e-3)
+    assert (f <= forward).all()
+    assert (f >= -backward).all()
+    assert (np.abs(w - (before - 1e-3 * np.einsum("rij,rj->ri", inverse, f - start))) < 1e-12).all()
+    assert (w[f < forward] < 1e-9).all()
+    assert (w[f > -backward] > -1e-9).all()

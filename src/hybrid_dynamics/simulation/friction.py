@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_STEPS = 6
+_ROUNDS, _STEPS = 8, 5
 _TOLERANCE = 1e-12
 
 
@@ -39,22 +39,33 @@ class DrySolver:
                 [pin.computeMinverse(self._model, self._data, column)[grid] for column in configuration.T]
             )
         matrix = h * self._minverse
-        identity = np.eye(w.shape[1])
-        for _ in range(_STEPS):
-            wrong = _violated(w, f, backward, forward)
-            if not wrong.any():
-                return
-            free = wrong | ((f > -backward) & (f < forward))
-            both = free[:, :, None] & free[:, None, :]
-            step = np.linalg.solve(np.where(both, matrix, identity), np.where(free, w, 0.0)[:, :, None])[:, :, 0]
-            new = np.maximum(np.minimum(f + step, forward), -backward)
-            w -= np.einsum("rij,rj->ri", matrix, new - f)
-            f[:] = new
-        # Two bounds that keep handing a joint to each other: settle joint by joint.
-        for j in range(w.shape[1]):
-            target = np.maximum(np.minimum(f[:, j] + w[:, j] / matrix[:, j, j], forward[:, j]), -backward[:, j])
-            w -= matrix[:, :, j] * (target - f[:, j])[:, None]
-            f[:, j] = target
+        for round_ in range(_ROUNDS):
+            for _ in range(_STEPS):
+                if not _violated(w, f, backward, forward).any():
+                    return
+                _newton(matrix, w, f, backward, forward)
+            # Rarely, Newton steps cycle; sweeps always converge, if slowly: the more, the longer it takes.
+            for _ in range(2**round_):
+                _settle(matrix, w, f, backward, forward)
+
+
+def _newton(matrix: Array, w: Array, f: Array, backward: Array, forward: Array) -> None:
+    """Bring all joints that stick or contradict to rest together, and clip their torques to the box (in place)."""
+    free = _violated(w, f, backward, forward) | ((f > -backward) & (f < forward))
+    both = free[:, :, None] & free[:, None, :]
+    system = np.where(both, matrix, np.eye(w.shape[1]))
+    step = np.linalg.solve(system, np.where(free, w, 0.0)[:, :, None])[:, :, 0]
+    new = np.maximum(np.minimum(f + step, forward), -backward)
+    w -= np.einsum("rij,rj->ri", matrix, new - f)
+    f[:] = new
+
+
+def _settle(matrix: Array, w: Array, f: Array, backward: Array, forward: Array) -> None:
+    """One sweep of projected Gauss-Seidel, joint by joint (in place)."""
+    for j in range(w.shape[1]):
+        target = np.maximum(np.minimum(f[:, j] + w[:, j] / matrix[:, j, j], forward[:, j]), -backward[:, j])
+        w -= matrix[:, :, j] * (target - f[:, j])[:, None]
+        f[:, j] = target
 
 
 def _violated(w: Array, f: Array, backward: Array, forward: Array) -> NDArray[np.bool_]:
