@@ -3,8 +3,8 @@
 from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_text
-from hybrid_dynamics.loop import LoopSettings, close_loop, save_model, write_diagnosis
-from hybrid_dynamics.loop.report import report_html
+from hybrid_dynamics.loop import LoopSettings, close_loop
+from hybrid_dynamics.loop.output import write_result
 from hybrid_dynamics.loop.steps import step_table
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import SIMULATED, read_metadata, read_trajectories
@@ -23,9 +23,7 @@ def main() -> None:
         result = close_loop(
             Robot.from_urdf(files.robot), train, test, settings, progress=lambda text, share: progress(share, text)
         )
-    write_diagnosis(folder / "diagnosis.json", result.diagnosis)
-    save_model(folder / "model.json", result.model)
-    write_text(folder / "report.html", report_html(result))
+    write_result(folder, result)
     write_text(folder / "steps.csv", step_table(result, files.dataset, provenance).to_csv(index=False))
     print(f"{files.dataset}: {result.diagnosis['verdict']}, {len(result.diagnosis['effects'])} effects named")
 

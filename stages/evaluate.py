@@ -7,6 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hybrid_dynamics.config import load_params, section
+from hybrid_dynamics.datasets import TwinSettings, true_torque
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.features import feature_matrix
 from hybrid_dynamics.files import atomic_path
@@ -16,7 +17,7 @@ from hybrid_dynamics.models import RigidBody, load_estimator
 from hybrid_dynamics.reporting import EvaluationSettings, evaluate_predictions
 from hybrid_dynamics.reporting.evaluation import Predictor
 from hybrid_dynamics.robots import Robot
-from hybrid_dynamics.trajectory import Trajectory, iter_trajectories, read_metadata
+from hybrid_dynamics.trajectory import SIMULATED_TWIN, Trajectory, iter_trajectories, read_metadata
 from stages.common import dataset_argument
 
 
@@ -44,6 +45,9 @@ def main() -> None:
     methods = ["rigid_body", *sorted(path.name for path in files.model("").iterdir() if path.is_dir())]
     predictors = {method: predictor(method, files.model(method), robot) for method in methods}
     provenance = read_metadata(files.features)["provenance"]
+    if provenance == SIMULATED_TWIN:
+        friction = section(params, f"dataset.{files.dataset}.twin", TwinSettings).friction
+        predictors["true_model"] = lambda run: true_torque(robot, friction, run)
     result = evaluate_predictions(predictors, iter_trajectories(files.features), files.dataset, provenance, settings)
     for path, table in ((files.errors, result.errors), (files.predictions, result.predictions)):
         with atomic_path(path) as temporary:

@@ -8,9 +8,9 @@ from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.datasets import RobotSettings, picture_of
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_text
-from hybrid_dynamics.layout import REPORTS, DatasetFiles
+from hybrid_dynamics.layout import DERIVATIVES, REPORTS, BlindFiles, DatasetFiles
 from hybrid_dynamics.reporting import StudyInputs, write_report
-from hybrid_dynamics.reporting.sections import study_sections
+from hybrid_dynamics.reporting.sections import derivative_section, study_sections
 
 
 def main() -> None:
@@ -19,11 +19,14 @@ def main() -> None:
     robots = {name: section(params, f"dataset.{name}.robot", RobotSettings) for name in names}
     steps = pd.concat([pd.read_csv(DatasetFiles(name).model("loop") / "steps.csv") for name in names])
     write_text(REPORTS / "loop.csv", steps.to_csv(index=False))
+    scores = [pd.read_csv(BlindFiles(name).scores) for name in section(params, "blind_robots", list[str])]
+    if scores:
+        write_text(REPORTS / "blind.csv", pd.concat(scores).to_csv(index=False))
     study = StudyInputs(
         data=Path("data"),
         datasets=tuple(names),
         pictures={name: path for name, robot in robots.items() if (path := picture_of(robot)) is not None},
-        sections=study_sections(names),
+        sections=(*study_sections(names), *filter(None, [derivative_section(DERIVATIVES)])),
     )
     print(f"report: {write_report(study, REPORTS)}")
 

@@ -32,8 +32,8 @@ def main() -> None:
     else:
         twin = section(params, f"{name}.twin", TwinSettings)
         with progress_bar(f"{files.dataset}: simulating the twin") as progress:
-            pairs = twin_runs(robot, twin, runs, files.source, section(params, "seed", int), progress)
-        trajectories = (recorded for recorded, _ in pairs)
+            recordings = twin_runs(robot, twin, runs, files.source, section(params, "seed", int), progress)
+        trajectories = (recording.recorded for recording in recordings)
     metadata = {key: source[key] for key in ("provenance", "repository", "licence", "notice")}
     write_trajectories(files.trajectories, trajectories, {"dataset": files.dataset, **metadata})
 

@@ -6,6 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.readers import Notify, Ur10eSettings, read_pieces, read_ur10e, read_wam, read_wam_reference
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
@@ -19,9 +23,10 @@ from hybrid_dynamics.simulation import (
 )
 from hybrid_dynamics.simulation.rollout import Progress
 from hybrid_dynamics.simulation.sensors import SensorSettings
-from hybrid_dynamics.simulation.twin import DriveFriction, simulate_twin
+from hybrid_dynamics.simulation.twin import DriveFriction, Recording, simulate_twin, with_armature
 from hybrid_dynamics.trajectory import Trajectory
 
+Array = NDArray[np.float64]
 PACKAGE = "package:"
 SOURCE = "source:"
 
@@ -69,13 +74,35 @@ class StudySimulation:
 
 
 @dataclass(frozen=True)
+class Payload:
+    """A body on the last moving link: ``mass`` [kg], ``com`` (3) [m] in the last moving joint's frame, and principal
+    moments ``inertia`` (3) [kg m^2] about its centre of mass, along that frame's axes."""
+
+    mass: float
+    com: tuple[float, float, float]
+    inertia: tuple[float, float, float]
+
+    def added_to(self, robot: Robot) -> Robot:
+        """A copy of ``robot`` that carries it."""
+        out = robot.copy()
+        last = max(out.joint_ids)
+        body = pin.Inertia(self.mass, np.array(self.com), np.diag(self.inertia))
+        out.model.inertias[last] = out.model.inertias[last] + body
+        return out
+
+
+@dataclass(frozen=True)
 class Run:
-    """One recorded run: its ``file`` in the source, its ``split``, and the usable ``rows`` (1-based; empty: found)."""
+    """One recorded run: its ``file`` in the source, its ``split``, and the usable ``rows`` (1-based; empty: found).
+
+    ``payload``: what the run's simulated twin carries.
+    """
 
     name: str
     split: str
     file: str
     rows: tuple[int, ...] = ()
+    payload: Payload | None = None
 
     def __post_init__(self) -> None:
         require(self.split in ("train", "test"), f"run {self.name}: split is {self.split!r}; expected train or test")
@@ -132,8 +159,8 @@ class TwinSettings:
 
 def twin_runs(
     robot: Robot, settings: TwinSettings, runs: Sequence[Run], source: Path, seed: int, progress: Progress | None = None
-) -> list[tuple[Trajectory, Trajectory]]:
-    """(recorded, truth) of every run of the twin, named and split like the recording's ``runs`` (training first).
+) -> list[Recording]:
+    """Log and noise-free truth of every run of the twin, named and split like the recording's ``runs``, training first.
 
     Raises :class:`InputError` where a reference cannot be followed.
     """
@@ -160,6 +187,15 @@ def twin_runs(
         names=[run.name for run in ordered],
         progress=progress,
     )
+
+
+def true_torque(robot: Robot, friction: DriveFriction, run: Trajectory) -> Array:
+    """Torque (T, n) [N m] of the twin's own law at the states ``q dq ddq`` of ``run``: no method can know better."""
+    zero = (0.0,) * robot.n_joints
+    dq = run["dq"]
+    rigid = with_armature(robot, friction.armature or zero).inverse_dynamics(run["q"], dq, run["ddq"])
+    losses = np.array(friction.viscous or zero) * dq + np.array(friction.coulomb or zero) * np.sign(dq)
+    return rigid + losses + np.array(friction.offset or zero)
 
 
 @dataclass(frozen=True)

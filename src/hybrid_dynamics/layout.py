@@ -7,6 +7,7 @@ from pathlib import Path
 
 REPORTS = Path("reports")
 RAW = Path("data/raw")
+DERIVATIVES = Path("data/derivatives.csv")
 
 
 @dataclass(frozen=True)
@@ -55,5 +56,33 @@ class DatasetFiles:
         return self.folder / "timing" / f"{method}.json"
 
     @property
-    def loop(self) -> Path:
-        return self.folder / "loop"
+    def questions(self) -> Path:
+        return self.folder / "questions"
+
+
+@dataclass(frozen=True)
+class BlindFiles:
+    """Blind cases on the robot of ``dataset``: ``truth`` lies apart, for the stage score_blind alone."""
+
+    dataset: str
+    root: Path = Path()
+
+    @property
+    def folder(self) -> Path:
+        return self.root / "data" / "blind" / self.dataset
+
+    @property
+    def logs(self) -> Path:
+        return self.folder / "logs"
+
+    @property
+    def diagnoses(self) -> Path:
+        return self.folder / "diagnoses"
+
+    @property
+    def scores(self) -> Path:
+        return self.folder / "scores.csv"
+
+    @property
+    def truth(self) -> Path:
+        return self.root / "data" / "blind_truth" / f"{self.dataset}.json"

@@ -7,6 +7,7 @@ delivers, positive along the joint axis.
 from __future__ import annotations
 
 import os
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.robots.urdf import lock_joints, movable_joints, read_urdf
+from hybrid_dynamics.robots.urdf import lock_joints, movable_joints
 
 Array = NDArray[np.float64]
 
@@ -53,14 +54,17 @@ class Robot:
     @classmethod
     def from_urdf(cls, path: str | os.PathLike[str], lock: tuple[str, ...] = ()) -> Robot:
         """Read a URDF; ``lock`` fixes joints at zero. Raises :class:`InputError` naming what is wrong with the file."""
-        text = lock_joints(path, lock)
-        root = read_urdf(path)
-        names = tuple(name for name in movable_joints(root) if name not in set(lock))
+        return cls.from_text(lock_joints(path, lock), str(path))
+
+    @classmethod
+    def from_text(cls, text: str, origin: str) -> Robot:
+        """Read URDF text; ``origin`` names it in errors."""
+        root = ET.fromstring(text)
         try:
             model = pin.buildModelFromXML(text)
         except (ValueError, RuntimeError) as error:
-            raise InputError(f"{path}: Pinocchio cannot build a model from it ({error})") from None
-        return cls(model, names, root.get("name") or Path(path).stem)
+            raise InputError(f"{origin}: Pinocchio cannot build a model from it ({error})") from None
+        return cls(model, tuple(movable_joints(root)), root.get("name") or Path(origin).stem)
 
     @property
     def n_joints(self) -> int:

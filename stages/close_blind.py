@@ -1,0 +1,51 @@
+"""Stage close_blind: close the loop on every blind case, two at a time; reads the URDF and the logs, nothing else."""
+
+import shutil
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+from hybrid_dynamics.config import load_params, section
+from hybrid_dynamics.errors import run_main
+from hybrid_dynamics.layout import BlindFiles
+from hybrid_dynamics.loop import LoopSettings, close_loop, write_diagnosis
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import read_trajectories
+from stages.common import dataset_argument, progress_bar
+
+WORKERS = 2
+
+
+def close(log: Path, urdf: Path, out: Path, settings: LoopSettings) -> str:
+    """Diagnose one case; returns a line for the person who watches."""
+    runs = {split: read_trajectories(log, split=split) for split in ("train", "test")}
+    result = close_loop(Robot.from_urdf(urdf), runs["train"], runs["test"], settings)
+    write_diagnosis(out, result.diagnosis)
+    return f"{log.stem}: {result.diagnosis['verdict']}"
+
+
+def main() -> None:
+    files = dataset_argument(__doc__)
+    blind = BlindFiles(files.dataset)
+    settings = section(load_params(), "loop", LoopSettings)
+    shutil.rmtree(blind.diagnoses, ignore_errors=True)
+    blind.diagnoses.mkdir(parents=True)
+    logs = sorted(blind.logs.glob("*.parquet"))
+    with (
+        progress_bar(f"{files.dataset}: closing the loop") as progress,
+        ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool,
+    ):
+        lines: Iterator[str] = pool.map(
+            close,
+            logs,
+            [files.robot] * len(logs),
+            [blind.diagnoses / f"{log.stem}.json" for log in logs],
+            [settings] * len(logs),
+        )
+        for done, line in enumerate(lines, 1):
+            progress(done / len(logs), line)
+
+
+if __name__ == "__main__":
+    run_main(main)

@@ -1,0 +1,48 @@
+"""Stage compare_derivatives: every differentiator on a noisy simulated WAM run whose true derivatives are known."""
+
+from dataclasses import dataclass, replace
+
+import pandas as pd
+
+from hybrid_dynamics.config import load_params, section
+from hybrid_dynamics.datasets import RobotSettings, Run, TwinSettings, robot_description, twin_runs
+from hybrid_dynamics.differentiate import derivative_errors
+from hybrid_dynamics.errors import require, run_main
+from hybrid_dynamics.files import write_text
+from hybrid_dynamics.layout import DERIVATIVES, DatasetFiles
+from hybrid_dynamics.robots import Robot
+from stages.common import progress_bar
+
+DATASET = "wam"
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """``duration`` [s] of the run; ``tuned``: also find the best parameters on the truth."""
+
+    duration: float
+    tuned: bool
+
+    def __post_init__(self) -> None:
+        require(1 <= self.duration <= 60, f"duration is {self.duration}; expected 1 to 60 s")
+
+
+def main() -> None:
+    params = load_params()
+    files = DatasetFiles(DATASET)
+    study = section(params, "derivative_study", StudySettings)
+    twin = section(params, f"dataset.{DATASET}.twin", TwinSettings)
+    run = section(params, f"dataset.{DATASET}.runs", list[Run])[0]
+    robot = Robot.from_text(robot_description(section(params, f"dataset.{DATASET}.robot", RobotSettings)), DATASET)
+    with progress_bar("derivatives: simulating") as progress:
+        one = replace(twin, follow=twin.follow[:1])
+        recording = twin_runs(robot, one, [run], files.source, section(params, "seed", int), progress)[0]
+    rows = slice(0, round(study.duration / recording.recorded.dt))
+    errors = derivative_errors(recording.truth.rows(rows), recording.recorded.rows(rows), tuned=study.tuned)
+    table = pd.DataFrame(errors)
+    write_text(DERIVATIVES, table.to_csv(index=False))
+    print(table[table["joint"] == "all"].to_string(index=False))
+
+
+if __name__ == "__main__":
+    run_main(main)

@@ -1,0 +1,33 @@
+"""Stage generate_blind: hide effects in simulated logs; the truth goes where only score_blind reads it."""
+
+import shutil
+
+from hybrid_dynamics.config import load_params, section
+from hybrid_dynamics.errors import run_main
+from hybrid_dynamics.files import write_json
+from hybrid_dynamics.layout import BlindFiles
+from hybrid_dynamics.loop.blind import BlindSettings, generate_blind, plan
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import SIMULATED, write_trajectories
+from stages.common import dataset_argument, progress_bar
+
+
+def main() -> None:
+    files = dataset_argument(__doc__)
+    blind = BlindFiles(files.dataset)
+    robot = Robot.from_urdf(files.robot)
+    settings = section(load_params(), "blind", BlindSettings)
+    shutil.rmtree(blind.logs, ignore_errors=True)
+    truth = []
+    total = len(plan(robot, settings))
+    with progress_bar(f"{files.dataset}: hiding effects") as progress:
+        for case in generate_blind(robot, settings):
+            metadata = {"dataset": f"blind_{files.dataset}", "provenance": SIMULATED}
+            write_trajectories(blind.logs / f"{case.name}.parquet", [*case.train, *case.test], metadata)
+            truth.append(case.truth)
+            progress(len(truth) / total, f"{len(truth)} of {total} cases")
+    write_json(blind.truth, truth)
+
+
+if __name__ == "__main__":
+    run_main(main)
