@@ -100,6 +100,7 @@ def _tuned(method: Method, x: Array, dt: float, truth: list[Array], inner: slice
             trials.append((loss(value), value))
         results.append(min(trials))
         value = trials[0][1]
-        weak_input = method.column(weak_input, dt, value * method.weaker)[1]
+        tried = method.candidates(weak_input, dt)
+        weak_input = method.column(weak_input, dt, float(np.clip(value * method.weaker, tried.min(), tried.max())))[1]
         tuned_input = method.column(tuned_input, dt, value)[1]
     return results

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
@@ -31,20 +33,26 @@ def _column(x: Array, dt: float, value: float, /, degree: int = DEGREE) -> tuple
     )
 
 
-def _response(frequency: Array, dt: float, value: float, degree: int = DEGREE) -> Array:
-    window = _window(value, degree, 10**9)
+@lru_cache(maxsize=1024)
+def _deviation(window: int, degree: int) -> tuple[CubicSpline, float, int]:
+    """The deviation of the slope's response from 1, over angle^p; the first angle tabulated [rad]; p.
+
+    Odd weights: the response is 2i sum w_k sin(k angle), over the exact i angle. It is 1 - O(angle^p); what is tabulated
+    is the smooth factor of angle^p, so that slow motion keeps its digits.
+    """
     half = window // 2
-    weights = signal.savgol_coeffs(window, degree, deriv=1, use="dot")[half + 1 :]
-    # Odd weights: the response is 2i sum w_k sin(k omega dt), over the exact i omega dt. It is 1 - O(omega^p); what is
-    # tabulated and interpolated is the smooth factor of omega^p, so that slow motion keeps its digits.
-    length = 16 * (1 << int(np.ceil(np.log2(window))))
+    length = 8 * (1 << int(np.ceil(np.log2(window))))
     padded = np.zeros(length)
-    padded[1 : half + 1] = weights
+    padded[1 : half + 1] = signal.savgol_coeffs(window, degree, deriv=1, use="dot")[half + 1 :]
     angle = 2 * np.pi * np.arange(1, length // 2 + 1) / length
     power = 2 * ((degree + 1) // 2)
-    factor = (1 + 2 * np.fft.rfft(padded).imag[1:] / angle) / angle**power
-    at = 2 * np.pi * frequency * dt
-    return np.asarray(1 - CubicSpline(angle, factor)(np.maximum(at, angle[0])) * at**power)
+    return CubicSpline(angle, (1 + 2 * np.fft.rfft(padded).imag[1:] / angle) / angle**power), float(angle[0]), power
+
+
+def _response(frequency: Array, dt: float, value: float, degree: int = DEGREE) -> Array:
+    factor, smallest, power = _deviation(_window(value, degree, 10**9), degree)
+    angle = 2 * np.pi * frequency * dt
+    return np.asarray(1 - factor(np.maximum(angle, smallest)) * angle**power)
 
 
 def _candidates(x: Array, dt: float) -> Array:

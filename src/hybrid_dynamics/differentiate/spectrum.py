@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+from scipy.ndimage import minimum_filter1d
 
 from hybrid_dynamics.errors import InputError
 
@@ -85,16 +86,33 @@ def _octave_mean(frequency: Array, power: Array) -> Array:
 def _noise_density(frequency: Array, power: Array) -> tuple[Array, float]:
     """Density of the broadband noise, and the knee [Hz] where the signal sinks into it.
 
-    The knee is where the spectrum stops falling faster than 1/f^3, the minimum of f^3 P(f) above the frequency that
-    holds 99.9 % of the power: motion with jumps of acceleration falls as 1/f^6 (its velocity as 1/f^4), encoder
-    quantisation never faster than 1/f^2. Above the knee the noise is the spectrum itself, so it may have a colour;
-    below it is taken as constant, at the mean level of the first octave above.
+    Above the knee the noise is the spectrum itself, so it may have a colour; below it is taken as constant, at the mean
+    level of the first octave above.
     """
     smooth = _octave_mean(frequency, power)
     held = np.cumsum(power[1:]) / np.sum(power[1:])
     first = min(1 + int(np.searchsorted(held, 0.999)), len(power) - 2)
-    last = max(int(0.9 * len(power)), first + 1)
-    knee = first + int(np.argmin((frequency**3 * smooth)[first:last]))
+    knee = _knee(frequency, smooth, first)
     noise = smooth.copy()
     noise[:knee] = np.mean(power[knee : min(2 * knee, len(power)) + 1])
     return np.maximum(noise, np.finfo(float).tiny), float(frequency[knee])
+
+
+def _knee(frequency: Array, smooth: Array, first: int) -> int:
+    """Index of the frequency where the spectrum stops falling faster than 1/f^2, searched from ``first`` up.
+
+    A minimum of g = f^2 P(f) over an octave, after which g rises at least fourfold: motion with kinks falls as 1/f^4 or
+    faster, encoder quantisation never faster than 1/f^2, and a log that was filtered falls again at the end, which is no
+    knee. Minima within a factor of four of the lowest count as equal and the highest frequency wins: just above the
+    fastest sine of a reference there often is a dip before the answer of friction.
+    """
+    last = max(int(0.9 * len(smooth)), first + 2)
+    at = np.geomspace(frequency[first], frequency[last - 1], max(int(12 * np.log2(last / first)), 2))
+    g = np.log(np.maximum(np.interp(at, frequency, smooth), np.finfo(float).tiny)) + 2 * np.log(at)
+    rise = np.maximum.accumulate(g[::-1])[::-1] - g
+    lowest = minimum_filter1d(g, 13, mode="nearest")
+    minima = np.flatnonzero((g <= lowest) & (rise >= np.log(4)))
+    if len(minima) == 0:
+        return last - 1
+    equal = minima[g[minima] <= np.min(g[minima]) + np.log(4)]
+    return int(np.clip(np.searchsorted(frequency, at[equal[-1]]), first, last - 1))
