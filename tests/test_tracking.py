@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.tracking import collect, known_digests, root, store, upsert
 from hybrid_dynamics.tracking.records import LOOP_COLUMNS, RunRecord, flatten
@@ -175,10 +176,8 @@ def test_the_model_comes_back_without_pickle_and_predicts_the_same(logged: Path)
     models = [json.loads(p.read_text()) for p in (logged / "mlartifacts").rglob("serving_input_example.json")]
     assert len(models) == 2  # rigid_body and sr; the loop's model needs the robot
     folders = [path.parent for path in (logged / "mlartifacts").rglob("MLmodel")]
-    example = pd.read_parquet(logged / "data" / "panda" / "features.parquet").drop(
-        columns=["trajectory", "split", "time"]
-    )
-    example = example.drop(columns=[f"tau{j}" for j in range(1, 8)]).iloc[:4]
+    columns = feature_names(7)
+    example = pd.read_parquet(logged / "data" / "panda" / "features.parquet")[columns].iloc[:4]
     for folder in folders:
         loaded = mlflow.pyfunc.load_model(str(folder))
         assert loaded.metadata.signature.inputs.input_names()[:2] == ["q1", "q2"]

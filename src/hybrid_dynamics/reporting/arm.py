@@ -30,14 +30,21 @@ def render_arm(
 ) -> bytes:
     """Draw the robot of ``urdf`` with its joints at ``pose`` (name -> rad; others at zero) to the PNG ``path``.
 
-    Returns the PNG's bytes. Raises :class:`InputError` for an unknown joint, a mesh that is missing, or no mesh.
+    ``size`` bounds width and height [pixels]; white margins are cut. Returns the PNG's bytes. Raises
+    :class:`InputError` for an unknown joint, a mesh that is missing, or no mesh.
     """
     surface = posed_surface(urdf, pose)
     in_view = np.concatenate([surface.corners.reshape(-1, 3), shadow(surface.corners).reshape(-1, 3)])
-    image = render(surface, camera_for(in_view, size), *size)
+    image = _cropped(render(surface, camera_for(in_view, size), *size))
     with atomic_path(path) as temporary:
         Image.fromarray(image).save(temporary)
     return Path(path).read_bytes()
+
+
+def _cropped(image: NDArray[np.uint8], margin: int = 8) -> NDArray[np.uint8]:
+    rows, columns = (np.flatnonzero((image < 250).any(axis=(axis, 2))) for axis in (1, 0))
+    top, left = max(rows[0] - margin, 0), max(columns[0] - margin, 0)
+    return np.ascontiguousarray(image[top : rows[-1] + margin + 1, left : columns[-1] + margin + 1])
 
 
 def camera_for(

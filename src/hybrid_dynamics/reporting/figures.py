@@ -98,6 +98,9 @@ def derivatives(trajectory: Trajectory, title: str) -> Figure:
                     trajectory.time, trajectory[signal][:, joint], color=colour(joint), label=f"{joint + 1}", lw=0.9
                 )
             axis.set_ylabel(name)
+            low, high = np.quantile(trajectory[signal], (0.001, 0.999))
+            if _set_range(axis, np.array([low, high]), trajectory[signal], margin=0.15):
+                axis.text(0.995, 0.97, "(extremes leave the axis)", transform=axis.transAxes, ha="right", va="top")
         axes[-1, 0].set_xlabel("time [s]")
         axes[0, 0].set_title(title, loc="left")
         figure.align_ylabels()
@@ -240,10 +243,10 @@ def _run(table: pd.DataFrame, split: str) -> tuple[pd.DataFrame, str, int]:
     return rows[rows["trajectory"] == run], run, n
 
 
-def _set_range(axis: Axes, inside: np.ndarray, other: np.ndarray) -> bool:
-    """Fit the axis to ``inside`` with a margin; True where ``other`` leaves it by far."""
+def _set_range(axis: Axes, inside: np.ndarray, other: np.ndarray, margin: float = 0.35) -> bool:
+    """Fit the axis to ``inside`` with a margin (share of the range); True where ``other`` leaves it."""
     low, high = float(np.min(inside)), float(np.max(inside))
-    margin = 0.35 * max(high - low, 1e-6)
+    margin *= max(high - low, 1e-6)
     axis.set_ylim(low - margin, high + margin)
     return bool(np.min(other) < low - margin or np.max(other) > high + margin)
 

@@ -128,9 +128,6 @@ def _dataset(page: _Page, result: DatasetResults, study: StudyInputs, folder: Pa
         if result.trajectories(split):
             page.add(_errors(result, split))
     page.add(*_error_figures(result, folder, best))
-    for section in study.sections:
-        if section.dataset == result.name:
-            _section(page, section, result)
     if damping_of(result) is not None and len(result.expressions):
         page.heading(3, "Table III: the identified models", f"{result.name}-models")
         page.add(
@@ -140,6 +137,9 @@ def _dataset(page: _Page, result: DatasetResults, study: StudyInputs, folder: Pa
             + " has no coefficient.</p>"
         )
         page.add(pieces.table_three_html(result))
+    for section in study.sections:
+        if section.dataset == result.name:
+            _section(page, section, result)
     if len(result.expressions):
         page.heading(3, "Equations", f"{result.name}-equations")
         page.add(pieces.equations(result, beside=result.name == "wam"))
