@@ -19,7 +19,7 @@ class Armature(Family):
     shown_by = "the joint accelerates hard while the joints before it move as well"
 
     def columns(self, motion: Motion, slot: Slot) -> Array:
-        return motion.ddq[:, [slot.joint]]
+        return motion.ddq[:, [slot.index]]
 
     def lower_bounds(self) -> Array:
         return np.zeros(1)

@@ -59,7 +59,15 @@ class Slot:
     settings: Settings = ()
 
     def family(self) -> Family:
+        """The catalogue's entry."""
         return family(self.effect)
+
+    @property
+    def index(self) -> int:
+        """The joint's index, for an effect that sits at one."""
+        if self.joint is None:
+            raise InputError(f"effect {self.effect} acts on the whole robot; it has no joint")
+        return self.joint
 
 
 @dataclass(frozen=True)
@@ -146,7 +154,7 @@ class Family(ABC):
         """Inverse of :meth:`parameters_of`."""
         return np.array([parameters[p.name] for p in self.parameters])
 
-    def change(self, robot: Robot, effect: Effect) -> None:
+    def change(self, robot: Robot, effect: Effect) -> None:  # noqa: B027 (most effects leave the rigid body alone)
         """Enter ``robot.model`` (changed in place), where the effect is part of the rigid body."""
 
     def torque(self, effect: Effect, q: Array, dq: Array) -> Array | None:

@@ -45,7 +45,7 @@ class CoulombFriction(Family):
 
     def columns(self, motion: Motion, slot: Slot) -> Array:
         width = float(dict(slot.settings).get("sign_width", 0.0))
-        return smooth_sign(motion.dq[:, [slot.joint]], width)
+        return smooth_sign(motion.dq[:, [slot.index]], width)
 
     def lower_bounds(self) -> Array:
         return np.zeros(1)

@@ -31,14 +31,14 @@ class LinkInertia(Family):
         return [Slot(self.name, j) for j in range(robot.n_joints - 1) if moving[: j + 1].any()]
 
     def columns(self, motion: Motion, slot: Slot) -> Array:
-        first = 10 * int(slot.joint or 0)
+        first = 10 * slot.index
         return motion.regressor[:, :, first : first + 10]
 
     def prior_scale(self) -> Array:
         return BODY_SCALE
 
     def inertial_offset(self, robot: Robot, slot: Slot) -> Array:
-        return np.asarray(robot.model.inertias[robot.joint_ids[int(slot.joint or 0)]].toDynamicParameters())
+        return np.asarray(robot.model.inertias[robot.joint_ids[slot.index]].toDynamicParameters())
 
     def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
         return to_body(self.inertial_offset(robot, slot) + x)

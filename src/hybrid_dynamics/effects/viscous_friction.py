@@ -18,7 +18,7 @@ class ViscousFriction(Family):
     shown_by = "the joint moves at several different speeds in both directions"
 
     def columns(self, motion: Motion, slot: Slot) -> Array:
-        return motion.dq[:, [slot.joint]]
+        return motion.dq[:, [slot.index]]
 
     def lower_bounds(self) -> Array:
         return np.zeros(1)

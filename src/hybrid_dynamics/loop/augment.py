@@ -39,9 +39,7 @@ def effects_of(evidence: Evidence, slots: Sequence[Slot], x: Array, covariance: 
         if covariance is not None:
             jacobian = kind.jacobian(x[own], evidence.robot, slot)
             variance = np.einsum("ij,jk,ik->i", jacobian, covariance[own, own], jacobian)
-            errors = {
-                p.name: float(np.sqrt(max(v, 0.0))) for p, v in zip(kind.parameters, variance, strict=True)
-            }
+            errors = {p.name: float(np.sqrt(max(v, 0.0))) for p, v in zip(kind.parameters, variance, strict=True)}
         joints = () if slot.joint is None else (names[slot.joint],)
         values = kind.parameters_of(x[own], evidence.robot, slot)
         out.append(Effect(slot.effect, joints, values, dict(slot.settings), errors))
@@ -143,7 +141,7 @@ def _replace(
     """One or two effects replaced by another candidate: surely better, or as good and simpler."""
     evidence = judge.evidence
     base = judge.score(before)
-    groups = [(s,) for s in current]
+    groups: list[tuple[Slot, ...]] = [(s,) for s in current]
     if len(current) <= 8:
         groups += [(a, b) for i, a in enumerate(current) for b in current[i + 1 :]]
     best: tuple[float, list[Slot]] | None = None

@@ -43,10 +43,27 @@ FIRST_FAMILIES = (
     "gravity_tilt",
 )
 COLUMNS = (
-    "case,robot,engine,hidden,hidden_joints,size_over_floor,named,named_joints,named_right,nothing_wrong_named,verdict,"
-    "parameter_error,rmse_before,rmse_after,rmse_true_model,noise_floor,joint,rmse_after_all_rows,"
-    "rmse_true_model_all_rows,floor_over_true_model"
-).split(",")
+    "case",
+    "robot",
+    "engine",
+    "hidden",
+    "hidden_joints",
+    "size_over_floor",
+    "named",
+    "named_joints",
+    "named_right",
+    "nothing_wrong_named",
+    "verdict",
+    "parameter_error",
+    "rmse_before",
+    "rmse_after",
+    "rmse_true_model",
+    "noise_floor",
+    "joint",
+    "rmse_after_all_rows",
+    "rmse_true_model_all_rows",
+    "floor_over_true_model",
+)
 
 
 def _reference() -> ReferenceSettings:
@@ -151,7 +168,7 @@ def draw_effects(
     for reference in planned:
         thin = slice(None, None, 5)
         ddq = derivative(reference.dq, settings.period)
-        time = np.arange(len(reference.q)) * settings.period
+        time: Array = np.arange(len(reference.q), dtype=np.float64) * settings.period
         motions.append(Motion(robot, time[thin], reference.q[thin], reference.dq[thin], ddq[thin]))
     cutoff = min(ProcessSettings().cutoff, ProcessSettings().cutoff_share / settings.period)
     kernel = hann_kernel(1.0 / cutoff, settings.period)
@@ -175,7 +192,7 @@ def draw_effects(
             if columns.ndim == 3:
                 tau += columns @ x
             else:
-                tau[:, int(slot.joint or 0)] += columns @ x
+                tau[:, slot.index] += columns @ x
             parts.append(tau)
         torques.append(np.concatenate(parts) / floor)
     effects, sizes = [], []

@@ -29,7 +29,9 @@ def check_logs(robot: Robot, trajectories: Sequence[Trajectory]) -> None:
     for run in trajectories:
         for signal in ("q", "tau"):
             if signal not in run:
-                raise InputError(f"run {run.name}: no signal {signal!r}; expected {signal}1 to {signal}{robot.n_joints}")
+                raise InputError(
+                    f"run {run.name}: no signal {signal!r}; expected {signal}1 to {signal}{robot.n_joints}"
+                )
         if run.n_joints != robot.n_joints:
             raise InputError(
                 f"run {run.name}: holds {run.n_joints} joints; robot {robot.name} has {robot.n_joints}; give the "
@@ -42,7 +44,8 @@ def check_logs(robot: Robot, trajectories: Sequence[Trajectory]) -> None:
         if largest > MAX_ANGLE:
             joint = robot.joint_names[int(np.abs(run["q"]).max(axis=0).argmax())]
             raise InputError(
-                f"run {run.name}: joint {joint} reaches {largest:.4g} rad; expected radians (convert degrees to radians)"
+                f"run {run.name}: joint {joint} reaches {largest:.4g} rad; expected radians "
+                "(convert degrees to radians)"
             )
         if not np.any(np.ptp(run["tau"], axis=0) > 0):
             raise InputError(f"run {run.name}: all torques are constant; expected measured joint torques in N m")
@@ -86,7 +89,8 @@ def check_torque(model: Model, runs: Sequence[Run]) -> None:
         j = int(np.argmax(reversed_))
         raise InputError(
             f"measured torque anti-correlates with the model on joint {j + 1} ({names[j]}, correlation "
-            f"{correlation[j]:.2f}); expected the torque the drive delivers, positive along the joint axis: flip its sign"
+            f"{correlation[j]:.2f}); expected the torque the drive delivers, positive along the joint axis: "
+            "flip its sign"
         )
     off = strong & (correlation > 0.6) & ((factor > MAX_SCALE) | (factor < 1 / MAX_SCALE))
     if off.any() and 2 * off.sum() >= strong.sum():

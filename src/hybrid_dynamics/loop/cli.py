@@ -41,7 +41,12 @@ def add_parsers(subparsers: Any) -> None:
     close.add_argument("--robot", required=True, type=Path, help="URDF of the robot")
     close.add_argument("--train", required=True, nargs="+", type=Path, metavar="LOG", help="logs to learn from")
     close.add_argument(
-        "--test", nargs="+", type=Path, default=[], metavar="LOG", help="logs held out (default: end of each training log)"
+        "--test",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="LOG",
+        help="logs held out (default: end of each training log)",
     )
     close.add_argument("--out", required=True, type=Path, help="folder for diagnosis.json, model.json, report.html")
     close.add_argument("--model", type=Path, help="start from this model.json instead of the URDF alone")
@@ -99,7 +104,9 @@ def _typed(cls: type, values: dict[str, Any]) -> Any:
                 raise ConfigError(f"{name} is {value!r}; expected a list such as [0, 0.05]")
             values[name] = tuple(value)
             if any(isinstance(v, str) != (name == "effects") for v in value):
-                raise ConfigError(f"{name} is {value!r}; expected a list of {'names' if name == 'effects' else 'numbers'}")
+                raise ConfigError(
+                    f"{name} is {value!r}; expected a list of {'names' if name == 'effects' else 'numbers'}"
+                )
         elif isinstance(default, int | float):
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise ConfigError(f"{name} is {value!r}; expected a number")
@@ -168,7 +175,12 @@ def _read(paths: Sequence[Path], robot: Robot, split: str, notices: list[str]) -
 
 @contextmanager
 def _progress(console: Console) -> Iterator[Callable[[str, float], None]]:
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f}%"),
+        TimeElapsedColumn(),
+    )
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("reading the logs", total=1.0)
         yield lambda stage, share: bar.update(task, description=stage, completed=share)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hybrid_dynamics.effects import Slot, family
 from hybrid_dynamics.errors import InputError
@@ -33,7 +33,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class LoopResult:
-    """``model``: the completed one; ``stages``: start, then after each named effect; ``steps``: the search's evidence."""
+    """``model``: the completed one; ``stages``: the start, then after each named effect; ``steps``: the evidence."""
 
     model: Model
     diagnosis: dict[str, Any]
@@ -87,7 +87,9 @@ def _close(
             f"no joint moves more than {settings.process.moving_range} rad in the training runs; expected logs of a "
             "robot in motion"
         )
-    slots = [s for name in settings.families for s in family(name).slots(base.completed_robot, moving, settings.options)]
+    slots = [
+        s for name in settings.families for s in family(name).slots(base.completed_robot, moving, settings.options)
+    ]
     tell("computing what each effect would do", 0.15)
     evidence = Evidence(base, runs, slots, settings)
     tell("measuring the noise", 0.4)
@@ -128,6 +130,8 @@ def _close(
         chosen = _drop_guesses(judge, list(steps[-1].slots))
         x = refit(evidence, chosen)
         held = np.sqrt(judge.mean_square(evidence.held_out(chosen, physical=True)))
+    # The rich model bends less to a residual from which the named effects are already gone.
+    floor = np.where(seen, np.maximum(np.minimum(floor, noise_floor(evidence, chosen, x)), least), 0.0)
     alternatives = indistinguishable(judge, chosen, slots)
     disagreeing = inconsistent(judge, chosen, x)
     open_parameters = {s: undetermined(evidence, chosen, s) for s in chosen}
@@ -135,18 +139,18 @@ def _close(
     models = [base, *(model_of(evidence, chosen[: k + 1]) for k in range(len(chosen)))]
     if torn:
         models[-1] = base.adding(effects_of(evidence, chosen, x, evidence.covariance(chosen, x)))
-    initial = np.sqrt(judge.mean_square(evidence.held_out([])))
     model = models[-1]
+    tolerated = np.sqrt(1 + settings.floor_tolerance**2) * floor
     explained = ~seen | (held <= tolerated)
-    excess = np.maximum(initial**2 - floor**2, 1e-300)
-    left = np.where(seen, np.maximum(held**2 - floor**2, 0.0) / np.maximum(excess, held**2 - floor**2 + 1e-300), 0.0)
+    # Of what is left on held-out samples, the share that is not noise.
+    left = 1.0 - np.minimum(floor / np.where(held > 0, held, 1.0), 1.0) ** 2
 
     tell("describing what is left", 0.95)
     unexplained = [
         {
             "joint": robot.joint_names[j],
             "share_of_residual_variance": float(left[j]),
-            "expression": expression_of(model, runs, int(j)),
+            "expression": expression_of(model, runs, int(j), settings.evaluations),
         }
         for j in np.flatnonzero(~explained)
     ]
@@ -175,7 +179,10 @@ def _close(
         "noise_floor": [float(v) for v in floor],
         "unexplained": unexplained,
         "not_identifiable": [
-            {"joint": robot.joint_names[j], "why": "the joint never moves in the training runs; its effects are not sought"}
+            {
+                "joint": robot.joint_names[j],
+                "why": "the joint never moves in the training runs; its effects are not sought",
+            }
             for j in np.flatnonzero(~moving)
         ],
         "notes": notes,
@@ -183,9 +190,7 @@ def _close(
     diagnosis = rounded(diagnosis)
     validate_diagnosis(diagnosis)
     tell("done", 1.0)
-    return LoopResult(
-        model, diagnosis, tuple(steps), tuple(models), tuple(runs), tuple(tests), floor, tuple(notes)
-    )
+    return LoopResult(model, diagnosis, tuple(steps), tuple(models), tuple(runs), tuple(tests), floor, tuple(notes))
 
 
 def _where(robot: Robot, slot: Slot) -> str:

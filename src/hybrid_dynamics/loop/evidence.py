@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
 
 Array = NDArray[np.float64]
 
+
+Indices = NDArray[np.int_]
 
 #: Setting of a slot that acts in one run only (an effect fitted run by run).
 ONLY_RUN = "only_run"
@@ -63,9 +66,9 @@ class Evidence:
         single = len(self.runs) == 1
         folds = self.settings.time_folds if single else len(self.runs)
         for r, run in enumerate(self.runs):
-            per_run = max(int(round((run.time[-1] - run.time[0]) / self.settings.block)), folds if single else 1)
+            per_run = max(round((run.time[-1] - run.time[0]) / self.settings.block), folds if single else 1)
             edges = np.linspace(0, len(run.time), per_run + 1).round().astype(int)
-            for k, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+            for k, (low, high) in enumerate(pairwise(edges)):
                 owner.append(r)
                 bounds.append((int(low), int(high)))
                 fold.append(k * folds // per_run if single else r)
@@ -141,23 +144,34 @@ class Evidence:
 
     def _sum(self) -> None:
         self.fold_gram = [[g[self.block_fold != f].sum(axis=0) for g in self.gram] for f in range(self.folds)]
+        self._fold_blocks = [np.flatnonzero(self.block_fold == f) for f in range(self.folds)]
+        self._own_gram = [[g[own] for g in self.gram] for own in self._fold_blocks]
         self.full_gram = [g.sum(axis=0) for g in self.gram]
         self.samples = self.count.sum(axis=0)
 
     def relinearise(self, effects: Sequence[Effect], slots: Sequence[Slot], x: Array) -> None:
         """Make the linear problem exact at ``x``: target = tau - exact(x) + columns x (Gauss-Newton, fixed columns)."""
         model = self.base.adding(effects)
-        layout = self.layout(slots)
+        linear = self.linear(slots, x)
         for r, run in enumerate(self.runs):
-            exact = run.smooth(self.predict_fine(model, run))
-            for j in range(self.n):
-                linear = np.zeros(len(run.time))
-                for slot, start in zip(layout.slots, layout.starts, strict=True):
-                    where = self._columns[slot][j]
-                    if where is not None:
-                        linear += self._rows[r][j][:, where] @ x[start : start + slot.family().size]
-                self.target[r][:, j] = run.tau[:, j] - exact[:, j] + linear
+            self.target[r] = run.tau - run.smooth(self.predict_fine(model, run)) + linear[r]
         self._retarget()
+
+    def linear(self, slots: Sequence[Slot], x: Array) -> list[Array]:
+        """Columns times coordinates: torque (K, n) [N m] of ``slots`` in every run."""
+        layout = self.layout(slots)
+        out = [np.zeros((len(run.time), self.n)) for run in self.runs]
+        for slot, start in zip(layout.slots, layout.starts, strict=True):
+            own = x[start : start + slot.family().size]
+            for j, where in enumerate(self._columns[slot]):
+                if where is not None:
+                    for r in range(len(self.runs)):
+                        out[r][:, j] += self._rows[r][j][:, where] @ own
+        return out
+
+    def residuals(self, slots: Sequence[Slot], x: Array) -> list[Array]:
+        """What ``slots`` at ``x`` leave of the target (K, n) [N m] in every run."""
+        return [t - part for t, part in zip(self.target, self.linear(slots, x), strict=True)]
 
     def joint_rows(self, run: int, joint: int) -> Array:
         """Smoothed columns (K, p) of all slots that act on ``joint`` in run number ``run``."""
@@ -169,7 +183,7 @@ class Evidence:
         starts = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
         return Layout(tuple(slots), tuple(int(v) for v in starts[:-1]), int(starts[-1]))
 
-    def indices(self, layout: Layout) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    def indices(self, layout: Layout) -> list[tuple[Indices, Indices]]:
         """Per joint: positions in x and columns in the joint's Gram matrix."""
         out = []
         for j in range(self.n):
@@ -192,12 +206,14 @@ class Evidence:
                 bodies.append((start, offset))
         return Constraints(lower, tuple(bodies))
 
-    def normal(self, layout: Layout, grams: Sequence[Array]) -> tuple[Array, Array]:
+    def normal(
+        self, layout: Layout, grams: Sequence[Array], indices: list[tuple[Indices, Indices]] | None = None
+    ) -> tuple[Array, Array]:
         """Weighted normal equations with the weak prior."""
         a, b = np.zeros((layout.total, layout.total)), np.zeros(layout.total)
-        for j, (position, column) in enumerate(self.indices(layout)):
+        for j, (position, column) in enumerate(indices or self.indices(layout)):
             if len(position):
-                a[np.ix_(position, position)] += self.weights[j] * grams[j][np.ix_(column, column)]
+                a[position[:, None], position] += self.weights[j] * grams[j][column[:, None], column]
                 b[position] += self.weights[j] * grams[j][column, -1]
         scale = np.concatenate([s.family().prior_scale() for s in layout.slots] or [np.zeros(0)])
         a[np.diag_indices_from(a)] += 1.0 / scale**2
@@ -214,24 +230,36 @@ class Evidence:
 
     def errors(self, slots: Sequence[Slot], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:
         """Squared residual sums (blocks, n) [N m]^2 of coordinates ``x``."""
-        layout = self.layout(slots)
-        select = slice(None) if blocks is None else blocks
-        out = np.empty((len(self.block_rows) if blocks is None else int(blocks.sum()), self.n))
-        for j, (position, column) in enumerate(self.indices(layout)):
-            gram = self.gram[j][select]
-            full = np.append(column, gram.shape[1] - 1)
-            part = gram[:, full[:, None], full[None, :]]
-            v = np.append(-x[position], 1.0)
-            out[:, j] = np.einsum("bij,i,j->b", part, v, v)
+        grams = self.gram if blocks is None else [g[blocks] for g in self.gram]
+        return self._errors(self.indices(self.layout(slots)), x, grams)
+
+    def _errors(self, indices: list[tuple[Indices, Indices]], x: Array, grams: Sequence[Array]) -> Array:
+        out = np.empty((len(grams[0]), self.n))
+        for j, (position, column) in enumerate(indices):
+            gram = grams[j]
+            if len(position):
+                v = np.zeros(gram.shape[1])
+                v[column] = -x[position]
+                v[-1] = 1.0
+                out[:, j] = (gram @ v) @ v
+            else:
+                out[:, j] = gram[:, -1, -1]
         return np.maximum(out, 0.0)
 
     def held_out(self, slots: Sequence[Slot], physical: bool = False) -> Array:
         """Squared held-out residual sums (blocks, n): every fold predicted by a fit on the others."""
         out = np.empty((len(self.block_rows), self.n))
+        layout = self.layout(slots)
+        indices, constraints = self.indices(layout), self.constraints(layout)
         for f in range(self.folds):
-            x = self.fit(slots, self.fold_gram[f], physical)
-            mine = self.block_fold == f
-            out[mine] = self.errors(slots, x, mine)
+            a, b = self.normal(layout, self.fold_gram[f], indices)
+            if layout.total == 0:
+                x = np.zeros(0)
+            elif physical:
+                x = solve(a, b, constraints)
+            else:
+                x = solve_bounded(a, b, constraints.lower)
+            out[self._fold_blocks[f]] = self._errors(indices, x, self._own_gram[f])
         return out
 
     def covariance(self, slots: Sequence[Slot], x: Array) -> Array:

@@ -41,15 +41,14 @@ def effect_figure(effect: Effect, before: Model, after: Model, runs: Sequence[Ru
     change = np.sqrt(np.mean((residuals[0] - residuals[1]) ** 2, axis=0))
     if effect.joints:
         joints = [names.index(effect.joints[0])]
-    joints_drawn = joints if effect.joints and effect.effect != "link_inertia" else sorted(np.argsort(-change)[:3].tolist())
+    joints_drawn = (
+        joints if effect.joints and effect.effect != "link_inertia" else sorted(np.argsort(-change)[:3].tolist())
+    )
     kind = VARIABLE.get(effect.effect, "time" if not effect.joints or effect.effect == "link_inertia" else "dq")
     figure = Figure(figsize=(3.6 * len(joints_drawn), 2.6), layout="constrained", dpi=110)
     for place, j in enumerate(joints_drawn):
         axes = figure.add_subplot(1, len(joints_drawn), place + 1)
-        if kind == "time":
-            x = _run_time(runs)
-        else:
-            x = np.concatenate([getattr(run, kind)[:, j] for run in runs])
+        x = _run_time(runs) if kind == "time" else np.concatenate([getattr(run, kind)[:, j] for run in runs])
         thin = slice(None, None, max(len(x) // MAX_POINTS, 1))
         for values, colour, label in zip(residuals, COLOURS, ("before", "after"), strict=True):
             axes.plot(x[thin], values[thin, j], ".", color=colour, markersize=2, label=label, rasterized=True)

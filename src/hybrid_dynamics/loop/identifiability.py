@@ -15,8 +15,13 @@ from hybrid_dynamics.loop.trace import Judge, same_place
 
 Array = NDArray[np.float64]
 
+#: Parameters of two runs that differ by less than this share of their size are the same for any purpose.
+DIFFERENCE = 0.03
 
-def indistinguishable(judge: Judge, slots: Sequence[Slot], candidates: Sequence[Slot]) -> dict[Slot, list[dict[str, Any]]]:
+
+def indistinguishable(
+    judge: Judge, slots: Sequence[Slot], candidates: Sequence[Slot]
+) -> dict[Slot, list[dict[str, Any]]]:
     """For every slot of the model the candidates that would explain as much in its place, with reason and remedy."""
     evidence = judge.evidence
     names = evidence.robot.joint_names
@@ -62,7 +67,7 @@ def indistinguishable(judge: Judge, slots: Sequence[Slot], candidates: Sequence[
                 0,
                 {
                     "effects": [{"effect": "link_inertia", "joints": [names[-1]]}],
-                    "why": "structurally the same: a body fixed to the last link changes that link's inertial parameters",
+                    "why": "structurally the same: a body on the last link changes that link's inertial parameters",
                     "motion_that_would_tell": "No motion can tell; a run with the tool removed would.",
                 },
             )
@@ -75,9 +80,7 @@ def overlap(evidence: Evidence, slot: Slot, x: Array, other: Slot) -> float:
     one, two = evidence.layout([slot]), evidence.layout([other])
     a, b = np.zeros((two.total, two.total)), np.zeros(two.total)
     energy = 0.0
-    for j, ((p1, c1), (p2, c2)) in enumerate(
-        zip(evidence.indices(one), evidence.indices(two), strict=True)
-    ):
+    for j, ((p1, c1), (p2, c2)) in enumerate(zip(evidence.indices(one), evidence.indices(two), strict=True)):
         gram, w = evidence.full_gram[j], evidence.weights[j]
         if len(p1):
             energy += w * float(x[p1] @ gram[np.ix_(c1, c1)] @ x[p1])
@@ -117,9 +120,10 @@ def undetermined(evidence: Evidence, slots: Sequence[Slot], slot: Slot) -> list[
 def inconsistent(judge: Judge, slots: Sequence[Slot], x: Array) -> dict[Slot, list[dict[str, Any]]]:
     """Effects whose parameters differ between training runs by more than uncertainty, fitted run by run.
 
-    ``x`` are the coordinates of all slots. Every effect in turn is fitted to one run alone, the others held; it disagrees where its own parameters lower that
-    run's error by more than one squared floor on enough joints, and a parameter differs by more than three standard
-    errors from the mean of the runs.
+    ``x`` are the coordinates of all slots. Every effect in turn is fitted to one run alone, the others held; it
+    disagrees where its own parameters lower that run's error by more than one squared floor on enough joints, and a
+    parameter differs by more than three standard errors from the mean of the runs and by more than a few percent of
+    the largest parameter of its unit.
     """
     evidence = judge.evidence
     runs = len(evidence.runs)
@@ -128,7 +132,6 @@ def inconsistent(judge: Judge, slots: Sequence[Slot], x: Array) -> dict[Slot, li
         return out
     layout = evidence.layout(slots)
     for slot, start in zip(layout.slots, layout.starts, strict=True):
-        size = slot.family().size
         kind = slot.family()
         fits = []
         for r in range(runs):
@@ -145,6 +148,9 @@ def inconsistent(judge: Judge, slots: Sequence[Slot], x: Array) -> dict[Slot, li
         v, e = np.array(values), np.array(errors)
         mean = (v / e**2).sum(axis=0) / (1 / e**2).sum(axis=0)
         chi = (((v - mean) / e) ** 2).sum(axis=0)
+        units = np.array([p.unit for p in kind.parameters])
+        size = np.array([np.abs(v[:, units == unit]).max() for unit in units])
+        spread = np.ptp(v, axis=0)
         entries = [
             {
                 "parameter": p.name,
@@ -155,7 +161,7 @@ def inconsistent(judge: Judge, slots: Sequence[Slot], x: Array) -> dict[Slot, li
                 ],
             }
             for k, p in enumerate(kind.parameters)
-            if chi[k] > 9.0 * (runs - 1) and k < size
+            if chi[k] > 9.0 * (runs - 1) and spread[k] > DIFFERENCE * size[k]
         ]
         if entries:
             out[slot] = entries
@@ -176,13 +182,15 @@ def fit_alone(
         mine = np.flatnonzero((position >= start) & (position < start + size))
         others = np.setdiff1d(np.arange(len(position)), mine)
         full = evidence.gram[j].shape[1] - 1
-        cross = gram[:, column[mine], full] - gram[:, column[mine][:, None], column[others][None, :]] @ x[position[others]]
+        cross = (
+            gram[:, column[mine], full] - gram[:, column[mine][:, None], column[others][None, :]] @ x[position[others]]
+        )
         square = gram[:, column[mine][:, None], column[mine][None, :]]
         at = position[mine] - start
         a[np.ix_(at, at)] += evidence.weights[j] * square.sum(axis=0)
         b[at] += evidence.weights[j] * cross.sum(axis=0)
         grams.append((at, square, cross))
-    solution = np.linalg.solve(a, b)
+    solution = np.asarray(np.linalg.solve(a, b))
     scores = np.zeros((int(blocks.sum()), size))
     for j, (at, square, cross) in enumerate(grams):
         scores[:, at] += evidence.weights[j] * (cross - square @ solution[at])
@@ -193,4 +201,4 @@ def fit_alone(
     changed[own] = solution
     rows = np.maximum(evidence.count[blocks].sum(axis=0), 1)
     gain = (evidence.errors(slots, x, blocks).sum(axis=0) - evidence.errors(slots, changed, blocks).sum(axis=0)) / rows
-    return solution, covariance, gain
+    return solution, np.asarray(covariance), np.asarray(gain)

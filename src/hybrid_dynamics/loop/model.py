@@ -48,7 +48,6 @@ class Model:
         """A model with ``effects`` appended."""
         return Model(self.robot, (*self.effects, *effects))
 
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """See :func:`save_model`."""
         save_model(path, self)

@@ -7,9 +7,12 @@ error a little above (by the same share to first order), so the floor is their g
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_dynamics.effects import Slot
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.process import Run
 
@@ -32,9 +35,13 @@ def rich_columns(run: Run, rigid: Array, joint: int) -> Array:
     return np.column_stack(parts)
 
 
-def noise_floor(evidence: Evidence) -> Array:
-    """Noise floor (n,) [N m] of the smoothed torque over the rows where the joint moves; 0 where it never does."""
+def noise_floor(evidence: Evidence, slots: Sequence[Slot] = (), x: Array | None = None) -> Array:
+    """Noise floor (n,) [N m] of the smoothed torque over the rows where the joint moves; 0 where it never does.
+
+    With ``slots`` and their coordinates ``x`` the rich model is fitted to what they leave of the torque.
+    """
     rigid = [evidence.predict_fine(evidence.base, run) for run in evidence.runs]
+    left = evidence.base_target if x is None else evidence.residuals(slots, x)
     out = np.zeros(evidence.n)
     for j in range(evidence.n):
         if evidence.samples[j] < 20:
@@ -45,7 +52,7 @@ def noise_floor(evidence: Evidence) -> Array:
             r = evidence.block_run[b]
             keep = evidence.runs[r].mask[low:high, j]
             known = evidence.joint_rows(r, j)[low:high]
-            target = evidence.base_target[r][low:high, j]
+            target = left[r][low:high, j]
             blocks.append(np.column_stack([known, extra[r][low:high], target])[keep])
         out[j] = _floor(blocks, evidence.block_fold, evidence.folds)
     return out

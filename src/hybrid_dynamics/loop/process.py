@@ -75,7 +75,7 @@ def derivative(x: Array, dt: float) -> Array:
 
 def hann_kernel(duration: float, dt: float) -> Array:
     """Symmetric Hann window of ``duration`` [s] with an odd number of taps and unit sum: -6 dB at 1/duration."""
-    half = max(int(round(duration / (2 * dt))), 1)
+    half = max(round(duration / (2 * dt)), 1)
     taps = np.cos(np.pi * np.arange(-half, half + 1) / (2 * (half + 1))) ** 2
     return taps / taps.sum()
 

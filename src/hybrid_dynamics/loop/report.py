@@ -1,4 +1,4 @@
-"""``report.html`` of one loop: verdict in plain words, what was named, before and after, the evidence. Self-contained."""
+"""``report.html`` of one loop, self-contained: verdict in plain words, what was named, before and after, evidence."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from hybrid_dynamics.loop.figures import effect_figure, torque_figure
 
 VERDICTS = {
     "explained": "What the model lacked has been found and added: on held-out data the error is down to the noise.",
-    "partly_explained": "Part of what the model lacks has been found and added; something remains that no effect of the "
-    "catalogue explains.",
+    "partly_explained": "Part of what the model lacks has been found and added; something remains that no effect of "
+    "the catalogue explains.",
     "unexplained": "Something is missing that no effect of the catalogue explains; nothing was added.",
     "nothing_missing": "Nothing is missing: the model already predicts the measured torque down to the noise.",
 }
@@ -22,7 +22,8 @@ body{font:16px/1.5 system-ui,sans-serif;max-width:68rem;margin:2rem auto;padding
 h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2rem;border-bottom:1px solid #ddd}
 table{border-collapse:collapse;margin:.6rem 0;font-size:.9rem}td,th{padding:.2rem .7rem;border-bottom:1px solid #e5e5e5}
 th{text-align:left;background:#f6f6f4}td.n{text-align:right;font-variant-numeric:tabular-nums}
-.verdict{background:#eef4f6;border-left:4px solid #1f6f8b;padding:.6rem 1rem}.note{color:#7a5a00}svg{max-width:100%;height:auto}
+.verdict{background:#eef4f6;border-left:4px solid #1f6f8b;padding:.6rem 1rem}.note{color:#7a5a00}
+svg{max-width:100%;height:auto}
 details{margin:.4rem 0}summary{cursor:pointer}
 """
 MAX_FIGURES = 24
@@ -84,8 +85,8 @@ def _errors(d: dict[str, Any]) -> str:
             ]
         )
     head = (
-        "joint", "rmse before [N m]", "after", "relative rmse before", "after", "rmse while moving before [N m]", "after",
-        "noise floor [N m]",
+        "joint", "rmse before [N m]", "after", "relative rmse before", "after", "rmse while moving before [N m]",
+        "after", "noise floor [N m]",
     )  # fmt: skip
     pooled = " → ".join(_number(test[k]["relative_error"], 3) for k in ("before", "after"))
     return (
@@ -132,9 +133,10 @@ def _unexplained(d: dict[str, Any]) -> str:
     if not d["unexplained"]:
         return ""
     rows = [
-        [u["joint"], _number(100 * u["share_of_residual_variance"], 3) + " %", u["expression"]] for u in d["unexplained"]
+        [u["joint"], _number(100 * u["share_of_residual_variance"], 3) + " %", u["expression"]]
+        for u in d["unexplained"]
     ]
-    head = ("joint", "left of the starting residual's variance, noise taken off", "expression found for it [N m]")
+    head = ("joint", "of what is left, share that is not noise", "expression found for it [N m]")
     return "<h2>What no effect explains</h2>" + _table(head, rows)
 
 

@@ -1,8 +1,8 @@
 """Runs that disagree: an effect fitted run by run, compared within its uncertainty, instead of averaged in silence.
 
-A tool that was exchanged or turned between recordings makes held-out runs contradict each other, so that cross-validation
-over runs finds no whole-robot effect at all. Where something stays unexplained, whole-robot effects are therefore also
-tried with parameters of their own in every run, validated on parts of the runs.
+A tool that was exchanged or turned between recordings makes held-out runs contradict each other, so that
+cross-validation over runs finds no whole-robot effect at all. Where something stays unexplained, whole-robot effects
+are therefore also tried with parameters of their own in every run, validated on parts of the runs.
 """
 
 from __future__ import annotations

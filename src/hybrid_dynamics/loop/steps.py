@@ -11,9 +11,18 @@ from hybrid_dynamics.loop.close import LoopResult
 from hybrid_dynamics.loop.diagnosis import errors_of
 from hybrid_dynamics.loop.process import Run
 
-STEP_COLUMNS = (
-    "dataset,provenance,step,effect,effect_joints,split,trajectory,joint,rmse_before,rmse_after".split(",")
-)
+STEP_COLUMNS = [
+    "dataset",
+    "provenance",
+    "step",
+    "effect",
+    "effect_joints",
+    "split",
+    "trajectory",
+    "joint",
+    "rmse_before",
+    "rmse_after",
+]
 POOL = "all"
 
 
@@ -21,8 +30,8 @@ def step_table(result: LoopResult, dataset: str, provenance: str) -> pd.DataFram
     """A row per named effect, run (and the pool of each split) and joint: rmse [N m] before and after it was added."""
     named = result.diagnosis["effects"]
     parts: list[tuple[str, str, list[Run]]] = []
-    for split, runs in (("train", result.train), ("test", result.test)):
-        parts += [(split, run.name, [run]) for run in runs] + [(split, POOL, list(runs))]
+    for split, own in (("train", result.train), ("test", result.test)):
+        parts += [*((split, run.name, [run]) for run in own), (split, POOL, list(own))]
     rows: list[dict[str, Any]] = []
     for split, trajectory, runs in parts:
         errors = [errors_of(model, runs)["rmse"] for model in result.stages]

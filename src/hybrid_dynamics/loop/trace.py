@@ -63,12 +63,10 @@ class Judge:
         return float(np.sqrt(len(difference) * np.var(difference, ddof=1))) if len(difference) > 1 else 0.0
 
     def needed(self, slot: Slot) -> int:
-        """On how many joints an effect must show."""
-        if slot.family().scope == "joint":
+        """On how many joints an effect must show: a whole-robot effect seen on one joint is a proxy for a local one."""
+        if slot.family().scope != "robot":
             return 1
-        moving = int((self.evidence.samples >= 20).sum())
-        reach = moving if slot.joint is None else min(slot.joint + 1, moving)
-        return max(min(2, reach), 1)
+        return max(min(2, int((self.evidence.samples >= 20).sum())), 1)
 
     def matters(self, slot: Slot, joint_gain: Array, share: float) -> bool:
         """True where the gain (n,) [N m]^2 is of practical size on enough joints."""

@@ -1,0 +1,186 @@
+"""The loop on exact runs: it names what was planted and nothing else, and says what it cannot tell."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.effects.inertia import to_body, to_dynamic
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop.exercise import exercise, exercises
+from hybrid_dynamics.loop.report import report_html
+from hybrid_dynamics.robots import Robot, find_description
+
+SHORT = {"duration": 8.0}
+BODY = {
+    "mass": 0.8, "com_x": 0.03, "com_y": -0.02, "com_z": 0.1, "inertia_xx": 0.004, "inertia_xy": 0.0,
+    "inertia_yy": 0.004, "inertia_xz": 0.0, "inertia_yz": 0.0, "inertia_zz": 0.003,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return Robot.from_urdf(find_description("panda.urdf"), lock=("panda_finger_joint1", "panda_finger_joint2"))
+
+
+def heavier_link(robot: Robot, joint: int) -> Effect:
+    own = np.asarray(robot.model.inertias[robot.joint_ids[joint]].toDynamicParameters())
+    return Effect("link_inertia", (robot.joint_names[joint],), to_body(own + to_dynamic(BODY)))
+
+
+def named(diagnosis: dict) -> list[tuple[str, tuple[str, ...]]]:
+    return [(e["effect"], tuple(e["joints"])) for e in diagnosis["effects"]]
+
+
+PLANTED = {
+    "viscous_friction": ("panda_joint2", {"viscous_coefficient": 2.0}),
+    "coulomb_friction": ("panda_joint4", {"coulomb_torque": 1.5}),
+    "torque_offset": ("panda_joint5", {"offset": -0.2}),
+    "armature": ("panda_joint6", {"armature": 0.06}),
+}
+
+
+@pytest.mark.parametrize("name", [*PLANTED, "payload", "link_inertia", "gravity_tilt", "nothing"])
+def test_each_family_planted_alone_is_named_and_nothing_else(name, panda):
+    if name in PLANTED:
+        joint, parameters = PLANTED[name]
+        effects = [Effect(name, (joint,), parameters)]
+    elif name == "payload":
+        effects = [Effect("payload", (), BODY)]
+    elif name == "link_inertia":
+        effects = [heavier_link(panda, 3)]
+    elif name == "gravity_tilt":
+        effects = [Effect("gravity_tilt", (), {"roll": 0.03, "pitch": -0.02})]
+    else:
+        effects = []
+    train, test = exercises(panda, effects, train=3, test=1, **SHORT)
+    result = close_loop(panda, train, test)
+    diagnosis = result.diagnosis
+    assert named(diagnosis) == [(e.effect, e.joints) for e in effects]
+    assert diagnosis["verdict"] == ("explained" if effects else "nothing_missing")
+    after = np.array(diagnosis["error_moving"]["test"]["after"]["rmse"])
+    # The completed model is as good as the true one on runs neither has seen.
+    truth = Model(panda, tuple(effects))
+    run = result.test[0]
+    error = run.tau - run.smooth(truth.predict(run.motion.q, run.motion.dq, run.motion.ddq))
+    exact = np.sqrt((error**2 * run.mask).sum(axis=0) / run.mask.sum(axis=0))
+    assert np.all(after <= 1.05 * exact)
+    if name in PLANTED or name == "gravity_tilt":
+        for parameter in diagnosis["effects"][0]["parameters"]:
+            true = effects[0].parameters[parameter["name"]]
+            assert parameter["value"] == pytest.approx(true, rel=0.02)
+            assert abs(parameter["value"] - true) < 6 * parameter["std_error"]
+    if name == "payload":
+        values = {p["name"]: p["value"] for p in diagnosis["effects"][0]["parameters"]}
+        assert values["mass"] == pytest.approx(BODY["mass"], rel=0.01)
+        assert values["com_z"] == pytest.approx(BODY["com_z"], rel=0.02)
+        other = diagnosis["effects"][0]["indistinguishable_from"][0]["effects"]
+        assert other == [{"effect": "link_inertia", "joints": ["panda_joint7"]}]
+
+
+def test_effects_that_mask_each_other_are_separated_with_the_same_bytes_every_time(panda):
+    effects = [
+        Effect("gravity_tilt", (), {"roll": 0.02, "pitch": 0.02}),
+        Effect("torque_offset", ("panda_joint2",), {"offset": 2.0}),
+        Effect("coulomb_friction", ("panda_joint2",), {"coulomb_torque": 1.5}),
+        Effect("viscous_friction", ("panda_joint2",), {"viscous_coefficient": 1.5}),
+    ]
+    train, test = exercises(panda, effects, train=3, test=1, **SHORT)
+    first = close_loop(panda, train, test)
+    assert set(named(first.diagnosis)) == {(e.effect, e.joints) for e in effects}
+    assert json.dumps(close_loop(panda, train, test).diagnosis) == json.dumps(first.diagnosis)
+    page = report_html(first)
+    assert page == report_html(first)
+    assert "gravity_tilt" in page
+    assert "http://" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    )
+    # One step further, from the completed model, nothing is missing.
+    again = close_loop(panda, train, test, start=first.model)
+    assert again.diagnosis["verdict"] == "nothing_missing"
+
+
+def test_first_joint_rotor_and_link_cannot_be_told_apart_and_it_says_so(panda):
+    effect = Effect("armature", ("panda_joint1",), {"armature": 0.2})
+    train, test = exercises(panda, [effect], train=3, test=1, **SHORT)
+    entry = close_loop(panda, train, test).diagnosis["effects"][0]
+    assert entry["effect"] == "armature"
+    others = {tuple(o["effects"][0]["joints"]): o for o in entry["indistinguishable_from"]}
+    assert "same torque" in others[("panda_joint1",)]["why"]
+    assert "No motion" in others[("panda_joint1",)]["motion_that_would_tell"]
+
+
+def test_a_payload_turned_between_runs_is_inconsistent_not_averaged_in_silence(panda):
+    turned = dict(BODY, com_x=-0.08)
+    one = [exercise(panda, [Effect("payload", (), dict(BODY, com_x=0.08))], name=f"a{k}", **SHORT) for k in range(2)]
+    two = [exercise(panda, [Effect("payload", (), turned)], name=f"b{k}", **SHORT) for k in range(2)]
+    diagnosis = close_loop(panda, [one[0], two[0]], [one[1], two[1]]).diagnosis
+    assert named(diagnosis) == [("payload", ())]
+    disagreeing = {d["parameter"]: d["runs"] for d in diagnosis["effects"][0]["inconsistent_between_runs"]}
+    assert "com_x" in disagreeing
+    assert "mass" not in disagreeing
+    values = {r["run"]: r["value"] for r in disagreeing["com_x"]}
+    assert values["a0"] == pytest.approx(0.08, abs=0.002)
+    assert values["b0"] == pytest.approx(-0.08, abs=0.002)
+    # Wrong-cause control: the same payload in all runs is consistent.
+    same = close_loop(
+        panda, [one[0], one[1]], [exercise(panda, [Effect("payload", (), dict(BODY, com_x=0.08))], name="c", **SHORT)]
+    )
+    assert "inconsistent_between_runs" not in same.diagnosis["effects"][0]
+
+
+def test_one_run_alone_and_a_joint_that_stands(panda):
+    effects = [Effect("viscous_friction", ("panda_joint3",), {"viscous_coefficient": 3.0})]
+    run = exercise(panda, effects, still=(4,), duration=12.0)
+    diagnosis = close_loop(panda, [run], []).diagnosis
+    assert named(diagnosis) == [("viscous_friction", ("panda_joint3",))]
+    assert any("one training run only" in note for note in diagnosis["notes"])
+    assert any("no test run is given" in note for note in diagnosis["notes"])
+    assert [x["joint"] for x in diagnosis["not_identifiable"]] == ["panda_joint5"]
+
+
+def test_runs_of_one_second(panda):
+    effects = [Effect("viscous_friction", ("panda_joint2",), {"viscous_coefficient": 8.0})]
+    train, test = exercises(panda, effects, train=4, test=1, duration=1.0)
+    diagnosis = close_loop(panda, train, test).diagnosis
+    assert ("viscous_friction", ("panda_joint2",)) in named(diagnosis)
+
+
+def test_what_no_effect_explains_is_described_not_named(panda):
+    train, test = exercises(panda, train=3, test=1, **SHORT)
+
+    def ripple(run):
+        tau = run["tau"].copy()
+        tau[:, 3] += 2.0 * np.sin(3.0 * run["q"][:, 3])
+        return run.with_signals(tau=tau)
+
+    settings = LoopSettings(effects=("viscous_friction", "coulomb_friction", "armature", "torque_offset"))
+    diagnosis = close_loop(panda, [ripple(r) for r in train], [ripple(r) for r in test], settings).diagnosis
+    assert diagnosis["verdict"] in ("unexplained", "partly_explained")
+    assert [u["joint"] for u in diagnosis["unexplained"]] == ["panda_joint4"]
+    assert "q4" in diagnosis["unexplained"][0]["expression"]
+    assert diagnosis["unexplained"][0]["share_of_residual_variance"] > 0.9
+
+
+def test_torque_of_the_wrong_sign_or_unit_is_refused_in_one_line(panda):
+    train, test = exercises(panda, [Effect("payload", (), BODY)], train=2, test=1, **SHORT)
+
+    def scaled(run, factor, joints):
+        tau = run["tau"].copy()
+        tau[:, joints] *= factor
+        return run.with_signals(tau=tau)
+
+    with pytest.raises(InputError, match=r"measured torque anti-correlates with the model on joint 4 \(panda_joint4"):
+        close_loop(panda, [scaled(r, -1, [3]) for r in train], test)
+    with pytest.raises(InputError, match=r"measured torque is 1\.\d+e\+03 times the model's on joint 1"):
+        close_loop(panda, [scaled(r, 1000.0, slice(None)) for r in train], test)
+    with pytest.raises(InputError, match="convert degrees to radians"):
+        close_loop(panda, [r.with_signals(q=np.degrees(r["q"])) for r in train], test)
+    with pytest.raises(InputError, match="no training run is given"):
+        close_loop(panda, [], test)
+    with pytest.raises(InputError, match="no joint moves"):
+        close_loop(panda, [exercise(panda, still=range(7), **SHORT)], test)
+    with pytest.raises(InputError, match="the name is given twice"):
+        close_loop(panda, [train[0], train[0]], test)

@@ -1,0 +1,122 @@
+"""The loop's parts: processing, constrained least squares, model.json."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.effects.inertia import is_physical
+from hybrid_dynamics.errors import ConfigError, InputError
+from hybrid_dynamics.loop import LoopSettings, Model, ProcessSettings, process
+from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
+from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.trajectory import Trajectory
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return Robot.from_urdf(find_description("panda.urdf"), lock=("panda_finger_joint1", "panda_finger_joint2"))
+
+
+def _sines(rate: float, seconds: float = 6.0) -> Trajectory:
+    time = np.arange(round(seconds * rate)) / rate
+    q = np.sin(np.outer(time, 1.0 + 0.5 * np.arange(7)))
+    return Trajectory("sines", "train", time, {"q": q, "tau": q})
+
+
+@pytest.mark.parametrize("rate", [94.0, 200.0, 500.0, 1000.0])
+def test_torque_and_columns_pass_the_same_filter(rate, panda):
+    run = process(_sines(rate), panda, ProcessSettings())
+    # The torque is the position here, so the filtered torque must be the filtered column.
+    np.testing.assert_allclose(run.tau, run.q, atol=2e-5)
+    assert 1 / np.diff(run.time).mean() >= min(rate, 100.0) - 1
+    w = 1.0 + 0.5 * np.arange(7)
+    np.testing.assert_allclose(
+        run.smooth(run.motion.dq), run.smooth(w * np.cos(np.outer(run.motion.time, w))), atol=2e-3
+    )
+
+
+def test_standing_rows_are_marked_over_the_whole_window(panda):
+    run = process(_sines(500.0), panda, ProcessSettings(slow_speed=0.1))
+    assert np.all(np.abs(run.dq[run.mask]) >= 0.1 - 1e-3)
+    slow = np.abs(run.dq) < 0.05
+    assert slow.any()
+    assert not run.mask[slow].any()
+
+
+def test_processing_refuses_short_and_uneven_runs(panda):
+    short = _sines(500.0, 0.3)
+    with pytest.raises(InputError, match=r"run sines: lasts 0.30 s .* expected at least"):
+        process(short, panda, ProcessSettings())
+    time = _sines(500.0).time.copy()
+    time[100:] += 0.001
+    uneven = Trajectory("uneven", "train", time, {"q": np.zeros((len(time), 7)), "tau": np.zeros((len(time), 7))})
+    with pytest.raises(InputError, match="run uneven: time stamps are not uniform"):
+        process(uneven, panda, ProcessSettings())
+    with pytest.raises(ConfigError, match="cutoff is 0"):
+        ProcessSettings(cutoff=0)
+    with pytest.raises(ConfigError, match="floor_share is -1"):
+        LoopSettings(floor_share=-1)
+    with pytest.raises(ConfigError, match="effect 'magic' is unknown"):
+        LoopSettings(effects=("magic",))
+
+
+def test_bounds_are_kept_and_the_optimum_is_found():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        rows, target = rng.normal(size=(60, 6)), rng.normal(size=60)
+        a, b = rows.T @ rows, rows.T @ target
+        lower = np.array([0.0, 0.0, 0.0, -np.inf, -np.inf, 0.05])
+        x = solve_bounded(a, b, lower)
+        gradient = a @ x - b
+        assert np.all(x >= lower - 1e-12)
+        # Karush-Kuhn-Tucker: zero gradient inside, none pointing inwards at a bound.
+        inside = x > lower + 1e-9
+        np.testing.assert_allclose(gradient[inside], 0, atol=1e-8)
+        assert np.all(gradient[~inside] >= -1e-8)
+
+
+def test_impossible_bodies_are_pulled_back_to_possible_ones():
+    rng = np.random.default_rng(1)
+    rows = rng.normal(size=(400, 10))
+    true = np.array([2.0, 0.1, 0.0, 0.2, 0.05, 0.0, 0.06, -0.01, 0.0, 0.03])
+    offset = np.zeros(10)
+    a = 1e4 * rows.T @ rows
+    assert is_physical(true)
+    np.testing.assert_allclose(solve(a, a @ true, Constraints(np.full(10, -np.inf), ((0, offset),))), true, atol=1e-9)
+    impossible = true * np.array([1, 1, 1, 1, 1, 1, 1, 1, 1, 6.0])
+    x = solve(a, a @ impossible, Constraints(np.full(10, -np.inf), ((0, offset),)))
+    assert is_physical(x)
+    assert not is_physical(impossible)
+    assert np.linalg.norm(x - impossible) < 0.2
+
+
+def test_model_json_holds_the_model(tmp_path, panda):
+    effects = (
+        Effect(
+            "coulomb_friction",
+            ("panda_joint2",),
+            {"coulomb_torque": 3.0},
+            {"sign_width": 0.03},
+            {"coulomb_torque": 0.1},
+        ),
+        Effect("gravity_tilt", (), {"roll": 0.02, "pitch": -0.01}),
+    )
+    model = Model(panda, effects)
+    model.save(tmp_path / "model.json")
+    again = Model.load(tmp_path / "model.json", panda)
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 20, 7))
+    np.testing.assert_array_equal(again.predict(q, dq, ddq), model.predict(q, dq, ddq))
+    assert again.effects[0].std_errors == {"coulomb_torque": 0.1}
+    text = (tmp_path / "model.json").read_text()
+    value = json.loads(text)
+    value["joints"][0] = "other"
+    (tmp_path / "model.json").write_text(json.dumps(value))
+    with pytest.raises(InputError, match="made for joints other"):
+        Model.load(tmp_path / "model.json", panda)
+    (tmp_path / "model.json").write_text(text.replace('"effects"', '"effect"', 1))
+    with pytest.raises(InputError, match=r"model\.json: top level: "):
+        Model.load(tmp_path / "model.json", panda)
+    with pytest.raises(InputError, match="no such model file"):
+        Model.load(tmp_path / "none.json", panda)
