@@ -61,6 +61,8 @@ def load_estimator(folder: str | os.PathLike[str]) -> Estimator:
     try:
         weights = load_file(weights_path) if weights_path.exists() else {}
         return _load(document["model"], weights)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, AttributeError, SafetensorError) as error:
         raise InputError(f"{path}: the model is damaged ({type(error).__name__}: {error}); train it again") from None
 

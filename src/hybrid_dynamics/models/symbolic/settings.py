@@ -45,9 +45,9 @@ class SymbolicSettings:
     max_length: int = 30
     max_rounds: int = 6
     min_gain: float = 1e-6
-    min_residual_gain: float = 0.01
+    min_residual_gain: float = 0.05
     drop_share: float = 1e-6
-    drop_residual_share: float = 0.01
+    drop_residual_share: float = 0.05
     blocks: int = 5
     workers: int = 2
     seed: int = 0

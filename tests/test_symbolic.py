@@ -1,0 +1,217 @@
+"""Symbolic regression: known truth in rounds, the contract of both engines, constants, safe expressions."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hybrid_dynamics.errors import InputError, MissingDependencyError
+from hybrid_dynamics.models import (
+    CompiledExpressions,
+    SymbolicEstimator,
+    SymbolicSettings,
+    format_expression,
+    parse_expression,
+    symbolic_regression,
+)
+from hybrid_dynamics.models.symbolic import Candidate, make_engine
+from hybrid_dynamics.models.symbolic.pysr_engine import PySREngine, find_julia, read_equations
+from hybrid_dynamics.models.symbolic.refit import Pruning, bases_of, fit_constants, fit_terms
+from hybrid_dynamics.models.symbolic.settings import best_candidate
+
+NAMES = ["a", "b", "c", "d"]
+QUICK = SymbolicSettings(evaluations=4000, population=200, batch=800)
+
+
+@pytest.fixture(scope="module")
+def inputs():
+    return np.random.default_rng(5).normal(size=(2000, 4)) * np.array([1.0, 10.0, 0.1, 3.0])
+
+
+def terms_of(expression):
+    return {str(term): float(value) for term, value in expression.as_coefficients_dict().items()}
+
+
+def check(expression, expected, rtol=1e-6):
+    found = terms_of(expression)
+    assert found.keys() == expected.keys()
+    np.testing.assert_allclose([found[k] for k in expected], list(expected.values()), rtol=rtol)
+
+
+def test_small_terms_are_found_in_rounds(inputs):
+    """A term with 2e-5 of the variance, which one search passes over, and nothing beside it."""
+    a, b, c, d = inputs.T
+    y = 2.0 * b + 5.0 * a * d + 0.9 * c
+    assert np.var(0.9 * c) < 3e-5 * np.var(y)
+    result = symbolic_regression(inputs, y, NAMES, QUICK)
+    check(result.expression, {"b": 2.0, "a*d": 5.0, "c": 0.9})
+    assert result.share_explained > 1 - 1e-9
+
+
+def test_what_is_below_the_stated_share_is_dropped(inputs):
+    a, b, c, _ = inputs.T
+    y = 2.0 * b + 2e-3 * a + 1e-3 * np.sin(20 * c)
+    assert 1e-8 < np.var(2e-3 * a) / np.var(y) < 1e-6
+    check(symbolic_regression(inputs, y, NAMES, QUICK).expression, {"b": 2.0}, rtol=1e-3)
+    # Control: the same term above the share is kept.
+    y = 2.0 * b + 0.2 * a + 1e-3 * np.sin(20 * c)
+    check(symbolic_regression(inputs, y, NAMES, QUICK).expression, {"b": 2.0, "a": 0.2}, rtol=1e-3)
+
+
+def test_nothing_is_found_where_nothing_is_left(inputs):
+    """A residual that is small against the whole torque is not searched; noise of any size is not explained."""
+    rng = np.random.default_rng(0)
+    small = 2e-4 * rng.normal(size=len(inputs))
+    assert symbolic_regression(inputs, small, NAMES, QUICK, variance=1.0).expression == 0
+    noise = rng.normal(size=len(inputs))
+    result = symbolic_regression(inputs, noise, NAMES, QUICK)
+    assert abs(result.share_explained) < 0.05
+
+
+def test_noise_buys_no_further_terms(inputs):
+    rng = np.random.default_rng(1)
+    y = 3.0 * inputs[:, 0] - 0.5 * inputs[:, 3] + 0.5 * rng.normal(size=len(inputs))
+    found = terms_of(symbolic_regression(inputs, y, NAMES, QUICK).expression)
+    assert found.keys() == {"a", "d"}
+    # Five standard errors of a least-squares coefficient.
+    assert abs(found["a"] - 3.0) < 5 * 0.5 / np.sqrt(len(y))
+
+
+def test_the_front_is_kept(inputs):
+    result = symbolic_regression(inputs, inputs[:, 0] * inputs[:, 1], NAMES, QUICK, joint=3)
+    search = [row for row in result.front if row.kind == "search" and row.round == 1]
+    assert sum(row.selected for row in search) == 1
+    assert [row.complexity for row in search] == sorted(row.complexity for row in search)
+    assert all(x.loss > y.loss for x, y in zip(search[:-1], search[1:], strict=True))
+    assert {row.joint for row in result.front} == {3}
+    last = [row for row in result.front if row.kind == "refit"][-1]
+    assert last.selected
+    assert parse_expression(last.expression, NAMES) == result.expression
+
+
+def test_same_seed_same_model_whatever_the_workers():
+    rng = np.random.default_rng(2)
+    X = rng.normal(size=(600, 21))
+    y = X[:, 3:6] * np.array([1.0, 2.0, 3.0]) + X[:, :3] ** 2 + 0.1 * rng.normal(size=(600, 3))
+    settings = {"evaluations": 3000, "population": 200, "max_rounds": 2}
+    one, two, other = (
+        SymbolicEstimator(SymbolicSettings(workers=workers, seed=seed, **settings)).fit(X, y)
+        for workers, seed in ((1, 0), (2, 0), (2, 9))
+    )
+    assert one.expressions_ == two.expressions_
+    assert one.front_ == two.front_
+    assert one.front_ != other.front_
+
+
+ENGINES = [
+    "operon",
+    pytest.param("pysr", marks=pytest.mark.skipif(find_julia() is None, reason="PySR's engine needs Julia")),
+]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_engine_contract(engine, inputs):
+    """A Pareto front over x0, x1, ...: losses are true mean squared errors, the truth is among them, repeatable."""
+    X = inputs / inputs.std(axis=0)
+    y = 1.5 * X[:, 0] * X[:, 1] - 0.7 * X[:, 2]
+    wanted = SymbolicSettings(engine=engine, evaluations=20_000, batch=len(X), max_length=15)
+    front = make_engine(wanted).search(X, y, wanted, 1)
+    assert [c.complexity for c in front] == sorted({c.complexity for c in front})
+    assert all(x.loss > y.loss for x, y in zip(front[:-1], front[1:], strict=True))
+    names = [f"x{k}" for k in range(4)]
+    for candidate in front:
+        values = CompiledExpressions([candidate.expression], names)(X)[:, 0]
+        assert np.mean((values - y) ** 2) == pytest.approx(candidate.loss, rel=1e-3, abs=1e-8)
+    assert front[-1].loss < 1e-6
+    assert front == make_engine(wanted).search(X, y, wanted, 1)
+
+
+def test_pysr_without_julia_fails_at_once(monkeypatch, tmp_path):
+    for variable in ("PYTHON_JULIAPKG_EXE", "PYTHON_JULIACALL_EXE"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    with pytest.raises(MissingDependencyError, match=r"Julia.*install.*operon"):
+        make_engine(SymbolicSettings(engine="pysr"))
+    julia = tmp_path / "julia"
+    julia.write_text("#!/bin/sh\n")
+    julia.chmod(0o755)
+    assert find_julia() == str(julia)
+    monkeypatch.setenv("PYTHON_JULIAPKG_EXE", "set, so that the next line's change is undone")
+    monkeypatch.delenv("PYTHON_JULIAPKG_EXE")
+    assert not PySREngine().concurrent
+
+
+def test_pysr_table_is_translated():
+    table = [
+        {"complexity": 1, "loss": 3.0, "equation": "x1"},
+        {"complexity": 3, "loss": 2.0, "equation": "x1 * 2.5"},
+        {"complexity": 4, "loss": 2.5, "equation": "sin(x1) + 1"},
+        {"complexity": 6, "loss": 0.5, "equation": "(x0 ^ 2.0) - (-1.5e-3 * sign(x1))"},
+        {"complexity": 7, "loss": np.nan, "equation": "exp(x0)"},
+        {"complexity": 8, "loss": 0.1, "equation": "abs(x0) * cos(x1 / 0.5)"},
+    ]
+    front = read_equations(table, ["x0", "x1"])
+    assert [c.complexity for c in front] == [1, 3, 6, 8]
+    X = np.array([[0.3, -2.0], [-1.5, 0.7]])
+    values = CompiledExpressions([c.expression for c in front], ["x0", "x1"])(X)
+    a, b = X.T
+    expected = np.column_stack([b, 2.5 * b, a**2 + 1.5e-3 * np.sign(b), np.abs(a) * np.cos(b / 0.5)])
+    np.testing.assert_allclose(values, expected, rtol=1e-14)
+    with pytest.raises(InputError, match="open"):
+        read_equations([{"complexity": 1, "loss": 1.0, "equation": "open(x0)"}], ["x0"])
+
+
+def test_the_best_trade_is_selected():
+    x = sp.Symbol("x")
+    front = [Candidate(k, loss, x) for k, loss in ((1, 1.0), (3, 0.5), (5, 1e-6), (9, 0.9e-6), (20, 0.8e-6))]
+    assert best_candidate(front).complexity == 5
+
+
+def test_sign_and_sine_are_found(inputs):
+    a, _, _, d = inputs.T
+    noise = 0.01 * np.random.default_rng(3).normal(size=len(a))
+    extended = SymbolicSettings(
+        operators=("add", "sub", "mul", "sign", "sin"), evaluations=20_000, population=300, batch=2000, max_length=15
+    )
+    result = symbolic_regression(inputs[:, [0, 3]], 2.0 * np.sign(d) + 0.5 * d + noise, ["a", "d"], extended)
+    check(result.expression, {"sign(d)": 2.0, "d": 0.5}, rtol=1e-2)
+    result = symbolic_regression(inputs[:, [0]], 1.3 * np.sin(2.2 * a) + noise, ["a"], extended)
+    assert result.share_explained > 0.99
+
+
+def test_inner_constants_by_gauss_newton():
+    x = np.linspace(-2, 2, 400)[:, None]
+    y = 1.7 * np.exp(-3.1 * x[:, 0] ** 2) + 0.4
+    a = sp.Symbol("a", real=True)
+    start = 1.0 * sp.exp(sp.Float(-2.0) * a**2) + sp.Float(0.1)
+    found = fit_constants(start, x, y, ["a"])
+    assert sorted(float(c) for c in found.atoms(sp.Float)) == pytest.approx([-3.1, 0.4, 1.7], rel=1e-6)
+
+
+def test_dependent_and_useless_terms_fall(inputs):
+    a, b = (sp.Symbol(s, real=True) for s in "ab")
+    y = 2.0 * inputs[:, 0]
+    fit = fit_terms([a * b, a, b, 3 * a, a + 1e-14 * b], inputs, y, NAMES, Pruning(1e-9, 0.0, 5))
+    assert fit.bases == (a,)
+    assert fit.coefficients == pytest.approx((2.0,))
+    assert bases_of((a + 2) * (a - b)) == list(dict.fromkeys(bases_of(sp.expand((a + 2) * (a - b)))))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    coefficients=st.lists(st.floats(-1e6, 1e6, allow_subnormal=False), min_size=1, max_size=5),
+    powers=st.lists(st.integers(0, 4), min_size=5, max_size=5),
+)
+def test_text_keeps_every_bit(coefficients, powers):
+    a, b = sp.Symbol("a"), sp.Symbol("b")
+    expression = sp.Add(
+        *(sp.Float(c) * a**p * sp.sin(b) ** k for k, (c, p) in enumerate(zip(coefficients, powers, strict=False)))
+    )
+    again = parse_expression(format_expression(expression), ["a", "b"])
+    assert sorted(again.atoms(sp.Float), key=float) == sorted(expression.atoms(sp.Float), key=float)
+    X = np.random.default_rng(0).normal(size=(20, 2))
+    one, two = (CompiledExpressions([e], ["a", "b"])(X) for e in (expression, again))
+    np.testing.assert_allclose(one, two, rtol=1e-14, atol=0)
