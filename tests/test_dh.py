@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -164,3 +165,54 @@ def test_config_forms_and_errors() -> None:
     impossible = DHLink(1.0, (0.0, 0.0, 0.0), (0.1, 0.0, 0.0, 0.1, 0.0, 0.5))
     with pytest.raises(ConfigError, match=r"link a_link.*triangle"):
         dh_to_urdf("one", ["a"], rows, [impossible], limits)
+
+
+@pytest.fixture(scope="module")
+def wam() -> tuple[list[DHRow], list[DHLink], list[DHLimit], list[str]]:
+    config = yaml.safe_load((Path(__file__).parents[1] / "conf" / "robot" / "wam.yaml").read_text())["dh"]
+    limits = limits_from_config(config["limits"])
+    return rows_from_config(config["rows"]), links_from_config(config["links"]), limits, config["joint_names"]
+
+
+def test_wam_inertias_are_tensor_elements(wam: tuple[list[DHRow], list[DHLink], list[DHLimit], list[str]]) -> None:
+    """Against inertias about the frame's origin as Sousa and Cortesao print them (the source's products: minus)."""
+    printed = {  # link: (row, column, kg m^2)
+        2: [(0, 1, 1.347e-5), (0, 2, 1.170e-4), (1, 2, -3.659e-5)],
+        3: [(0, 2, -5.098e-6), (1, 2, 5.295e-6)],
+        4: [(0, 2, -8.193e-5), (1, 2, 9.417e-5)],
+        6: [(0, 1, -1.483e-6), (1, 2, 2.216e-4)],
+        7: [(0, 1, 1.909e-7), (2, 2, 7.408e-5)],
+    }
+    for number, elements in printed.items():
+        link = wam[1][number - 1]
+        com = np.array(link.com)
+        about_origin = link.tensor() + link.mass * (com @ com * np.eye(3) - np.outer(com, com))
+        for i, j, value in elements:
+            assert about_origin[i, j] == pytest.approx(value, rel=1e-3)
+
+
+def test_wam_gravity_and_free_fall(
+    wam: tuple[list[DHRow], list[DHLink], list[DHLimit], list[str]], tmp_path: Path
+) -> None:
+    rows, links, limits, names = wam
+    path = tmp_path / "wam.urdf"
+    path.write_text(dh_to_urdf("wam", names, rows, links, limits))
+    robot = Robot.from_urdf(path)
+    low, high = robot.position_limits
+    for q in np.random.default_rng(2).uniform(low, high, (5, 7)):
+        torque = robot.rigid_body_torques(q[None], np.zeros((1, 7)), np.zeros((1, 7))).gravity[0]
+        slope = [
+            (potential(rows, links, q + 1e-5 * e) - potential(rows, links, q - 1e-5 * e)) / 2e-5 for e in np.eye(7)
+        ]
+        assert np.abs(torque - slope).max() < 1e-6
+        assert abs(torque[0]) < 1e-12, "joint 1 is vertical"
+    free = robot.copy()
+    free.model.lowerPositionLimit, free.model.upperPositionLimit = np.full(7, -1e3), np.full(7, 1e3)
+    free.model.upperVelocityLimit = np.full(7, 1e4)
+    start = np.tile([0.3, 1.2, -0.4, 0.8, 0.2, -0.5, 0.1], (150, 1))
+    run = simulate(free, [Reference(start, 0 * start)], passive_controller(free, 1e-3), 2e-5)[0]
+    assert isinstance(run, Rollout)
+    moving = np.array([kinetic(rows, links, q, v) for q, v in zip(run.q[::5], run.dq[::5], strict=True)])
+    total = moving + [potential(rows, links, q) for q in run.q[::5]]
+    assert moving[-1] > 1.0
+    assert np.ptp(total) < 2e-3 * moving[-1]
