@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,12 +18,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from hybrid_dynamics.errors import ConfigError, InputError
-from hybrid_dynamics.files import atomic_path, write_text
+from hybrid_dynamics.files import atomic_path
 from hybrid_dynamics.loop.close import LoopResult, close_loop
-from hybrid_dynamics.loop.diagnosis import write_diagnosis
-from hybrid_dynamics.loop.model import load_model, save_model
+from hybrid_dynamics.loop.model import load_model
+from hybrid_dynamics.loop.output import write_result
 from hybrid_dynamics.loop.process import ProcessSettings, process
-from hybrid_dynamics.loop.report import report_html
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.readers.log import read_pieces
 from hybrid_dynamics.robots import Robot
@@ -132,10 +130,7 @@ def run_close_loop(args: argparse.Namespace) -> int:
     with _progress(console) as tell:
         result = close_loop(robot, train, test, settings, start, tell)
         tell("writing the report", 1.0)
-        page = report_html(result)
-    write_diagnosis(args.out / "diagnosis.json", result.diagnosis)
-    save_model(args.out / "model.json", result.model)
-    write_text(args.out / "report.html", page)
+        write_result(args.out, result)
     _summary(Console(), result, args.out)
     return 0
 
@@ -203,8 +198,3 @@ def _summary(console: Console, result: LoopResult, out: Path) -> None:
     for note in diagnosis["notes"]:
         console.print(f"note: {note}", highlight=False, markup=False)
     console.print(f"report: {out / 'report.html'}", highlight=False, markup=False)
-
-
-def read_diagnosis(path: Path) -> dict[str, Any]:
-    """A diagnosis written by ``close-loop``."""
-    return dict(json.loads(path.read_text(encoding="utf-8")))
