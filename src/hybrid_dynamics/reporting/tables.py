@@ -49,22 +49,30 @@ def front_table(results: Sequence[DatasetResults]) -> pd.DataFrame:
     return pd.concat(found, ignore_index=True) if found else pd.DataFrame(columns=columns)
 
 
-def metrics(results: Sequence[DatasetResults]) -> dict[str, Any]:
-    """Nested dataset -> method -> split -> measure, for ``dvc metrics show``.
+def held_out_table(results: Sequence[DatasetResults]) -> pd.DataFrame:
+    """One row per dataset and method for ``dvc plots``: ``model`` (both names), pooled error in percent."""
+    rows = []
+    for result in results:
+        split = "test" if result.trajectories("test") else "train"
+        error = result.pooled(split, "relative_error").iloc[0]
+        rows += [(f"{result.title}: {label(str(m))}", 100 * float(error[m])) for m in error.index]
+    return pd.DataFrame(rows, columns=["model", "relative_error_percent"])
 
-    ``relative_error`` is pooled over joints; ``worst_relative_rmse`` is that of the worst joint. What is not a number
-    (a joint whose torque does not vary) is left out of the worst.
+
+def metrics(results: Sequence[DatasetResults]) -> dict[str, Any]:
+    """Nested dataset -> method -> measure on the held-out runs, for ``dvc metrics show`` and ``dvc exp show``.
+
+    ``relative_error`` is pooled over joints; ``worst_relative_rmse`` is that of the worst joint (a joint whose torque
+    does not vary has none). Every number becomes a column there, so there are no more than these.
     """
     out: dict[str, Any] = {}
     for result in results:
-        for method in result.methods:
-            for split in ("train", "test"):
-                rows = result.errors.query("split == @split and trajectory == 'all' and method == @method")
-                if len(rows):
-                    out.setdefault(result.name, {}).setdefault(method, {})[split] = {
-                        "relative_error": _number(rows["relative_error"].iloc[0]),
-                        "worst_relative_rmse": _number(rows["relative_rmse"].max()),
-                    }
+        split = "test" if result.trajectories("test") else "train"
+        pooled, worst = result.pooled(split, "relative_error").iloc[0], result.pooled(split).max()
+        out[result.name] = {
+            method: {"relative_error": _number(pooled[method]), "worst_relative_rmse": _number(worst[method])}
+            for method in result.methods
+        }
     return out
 
 
@@ -82,6 +90,7 @@ def write_tables(results: Sequence[DatasetResults], checked: Sequence[Check], fo
     pool = rmse[rmse["trajectory"] == "all"]
     write_csv(pool.drop(columns=["provenance", "trajectory"]), folder / "plots" / "relative_rmse.csv")
     write_csv(front_table(results), folder / "plots" / "fronts.csv")
+    write_csv(held_out_table(results), folder / "plots" / "held_out.csv")
     write_json(folder / "metrics.json", metrics(results))
     write_text(folder / "tables.txt", text_tables(results, checked))
 
