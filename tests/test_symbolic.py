@@ -1,5 +1,7 @@
 """Symbolic regression: known truth in rounds, the contract of both engines, constants, safe expressions."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -83,7 +85,7 @@ def test_the_front_is_kept(inputs):
     search = [row for row in result.front if row.kind == "search" and row.round == 1]
     assert sum(row.selected for row in search) == 1
     assert [row.complexity for row in search] == sorted(row.complexity for row in search)
-    assert all(x.loss > y.loss for x, y in zip(search[:-1], search[1:], strict=True))
+    assert all(x.loss > y.loss for x, y in pairwise(search))
     assert {row.joint for row in result.front} == {3}
     last = [row for row in result.front if row.kind == "refit"][-1]
     assert last.selected
@@ -118,7 +120,7 @@ def test_engine_contract(engine, inputs):
     wanted = SymbolicSettings(engine=engine, evaluations=20_000, batch=len(X), max_length=15)
     front = make_engine(wanted).search(X, y, wanted, 1)
     assert [c.complexity for c in front] == sorted({c.complexity for c in front})
-    assert all(x.loss > y.loss for x, y in zip(front[:-1], front[1:], strict=True))
+    assert all(x.loss > y.loss for x, y in pairwise(front))
     names = [f"x{k}" for k in range(4)]
     for candidate in front:
         values = CompiledExpressions([candidate.expression], names)(X)[:, 0]
