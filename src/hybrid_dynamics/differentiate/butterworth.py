@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from hybrid_dynamics.differentiate.differences import central_difference
-from hybrid_dynamics.differentiate.edges import transient_samples
+from hybrid_dynamics.differentiate.edges import chord, transient_samples
 from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
 from hybrid_dynamics.errors import ConfigError, InputError
 
@@ -39,7 +39,9 @@ def lowpass(x: Array, dt: float, cutoff_hz: float, order: int = ORDER) -> Array:
     pad = min(transient_samples(cutoff_hz, dt), len(x) - 1)
     if pad < 1:
         raise InputError(f"{len(x)} samples cannot be filtered; give a longer run")
-    return np.asarray(signal.sosfiltfilt(design(cutoff_hz, dt, order), x, axis=0, padtype="odd", padlen=pad))
+    line = chord(x)
+    sections = design(cutoff_hz, dt, order)
+    return np.asarray(line + signal.sosfiltfilt(sections, x - line, axis=0, padtype="odd", padlen=pad))
 
 
 def _column(x: Array, dt: float, value: float, /, order: int = ORDER) -> tuple[Array, Array]:

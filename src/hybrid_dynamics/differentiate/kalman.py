@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 from scipy.signal import lfilter
 
-from hybrid_dynamics.differentiate.edges import transient_samples
+from hybrid_dynamics.differentiate.edges import chord, transient_samples
 from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
 
 Array = NDArray[np.float64]
@@ -45,14 +45,16 @@ def _column(x: Array, dt: float, value: float, /) -> tuple[Array, Array]:
     w = 2 * np.pi * value * dt
     transition, gain, smoother = _gains(w)
     pad = min(transient_samples(value, dt), len(x) - 1)
-    padded = np.concatenate([2 * x[0] - x[pad:0:-1], x, 2 * x[-1] - x[-2 : -pad - 2 : -1]]) - x[0]
+    line = chord(x)
+    rest = x - line
+    padded = np.concatenate([-rest[pad:0:-1], rest, -rest[-2 : -pad - 2 : -1]])
     forward = np.eye(3) - np.outer(gain, [1.0, 0.0, 0.0])
     filtered = _recursion(forward @ transition, np.outer(padded, gain))
     inputs = np.einsum("ti,ji->tj", filtered, np.eye(3) - smoother @ transition)
     inputs[-1] = filtered[-1]
     smoothed = _recursion(smoother, inputs[::-1])[::-1]
     inner = smoothed[pad : pad + len(x)]
-    return inner[:, 0] + x[0], inner[:, 1] * w / dt
+    return inner[:, 0] + line, inner[:, 1] * w / dt + (x[-1] - x[0]) / (dt * (len(x) - 1))
 
 
 def _response(frequency: Array, dt: float, value: float) -> Array:

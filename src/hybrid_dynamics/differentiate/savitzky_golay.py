@@ -37,8 +37,8 @@ def _column(x: Array, dt: float, value: float, /, degree: int = DEGREE) -> tuple
 def _deviation(window: int, degree: int) -> tuple[CubicSpline, float, int]:
     """The deviation of the slope's response from 1, over angle^p; the first angle tabulated [rad]; p.
 
-    Odd weights: the response is 2i sum w_k sin(k angle), over the exact i angle. It is 1 - O(angle^p); what is tabulated
-    is the smooth factor of angle^p, so that slow motion keeps its digits.
+    Odd weights: the response is 2i sum w_k sin(k angle), over the exact i angle. It is 1 - O(angle^p); the smooth
+    factor of angle^p is tabulated, so that slow motion keeps its digits.
     """
     half = window // 2
     length = 8 * (1 << int(np.ceil(np.log2(window))))

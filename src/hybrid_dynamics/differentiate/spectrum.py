@@ -86,15 +86,16 @@ def _octave_mean(frequency: Array, power: Array) -> Array:
 def _noise_density(frequency: Array, power: Array) -> tuple[Array, float]:
     """Density of the broadband noise, and the knee [Hz] where the signal sinks into it.
 
-    Above the knee the noise is the spectrum itself, so it may have a colour; below it is taken as constant, at the mean
-    level of the first octave above.
+    Above 1.5 times the knee, clear of the signal, the noise is the spectrum itself, so it may have a colour; below, it
+    is taken as constant, at the mean level of the octave above.
     """
     smooth = _octave_mean(frequency, power)
     held = np.cumsum(power[1:]) / np.sum(power[1:])
     first = min(1 + int(np.searchsorted(held, 0.999)), len(power) - 2)
     knee = _knee(frequency, smooth, first)
     noise = smooth.copy()
-    noise[:knee] = np.mean(power[knee : min(2 * knee, len(power)) + 1])
+    above = min(round(1.5 * knee), len(power) - 2)
+    noise[:above] = np.mean(power[above : min(3 * knee, len(power)) + 1])
     return np.maximum(noise, np.finfo(float).tiny), float(frequency[knee])
 
 
@@ -102,7 +103,7 @@ def _knee(frequency: Array, smooth: Array, first: int) -> int:
     """Index of the frequency where the spectrum stops falling faster than 1/f^2, searched from ``first`` up.
 
     A minimum of g = f^2 P(f) over an octave, after which g rises at least fourfold: motion with kinks falls as 1/f^4 or
-    faster, encoder quantisation never faster than 1/f^2, and a log that was filtered falls again at the end, which is no
+    faster, encoder quantisation never faster than 1/f^2; a log that was filtered falls again at the end, which is no
     knee. Minima within a factor of four of the lowest count as equal and the highest frequency wins: just above the
     fastest sine of a reference there often is a dip before the answer of friction.
     """
