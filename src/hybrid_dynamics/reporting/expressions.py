@@ -19,9 +19,10 @@ _WORD = re.compile(r"[A-Za-z_]\w*")
 _NAME = re.compile(r"^(tau_inertia|tau_coriolis|tau_gravity|dddq|ddq|dq|q)([0-9]+)$")
 _SYMBOLS = {
     "q": ("q", ""),
-    "dq": ("q", "˙"),
-    "ddq": ("q", "¨"),
-    "dddq": ("q", "…"),
+    # Plain dots in a row: browsers print the accents proper (U+02D9, U+00A8, U+20DB) into the letter.
+    "dq": ("q", "·"),
+    "ddq": ("q", "··"),
+    "dddq": ("q", "···"),
     "tau_inertia": ("τ", "i"),
     "tau_coriolis": ("τ", "c"),
     "tau_gravity": ("τ", "g"),
@@ -91,9 +92,8 @@ class _MathML(MathMLPresentationPrinter):
                 subscript.appendChild(self._leaf(tag, text))
         elif mark:
             over = self.dom.createElement("mover")
-            over.setAttribute("accent", "true")
             over.appendChild(base)
-            over.appendChild(self._leaf("mo", mark))
+            over.appendChild(self._leaf("mtext", mark))
             base = over
         out = self.dom.createElement("msub")
         out.appendChild(base)
