@@ -17,6 +17,7 @@ motion shows. The cost of the programme does not depend on the number of samples
 
 from __future__ import annotations
 
+import logging
 import warnings
 
 import cvxpy as cp
@@ -27,6 +28,10 @@ from numpy.typing import NDArray
 from hybrid_dynamics.errors import HybridDynamicsError
 
 Array = NDArray[np.float64]
+log = logging.getLogger(__name__)
+
+# Multiples of the wanted pull towards the prior that are tried in turn.
+_STRONGER = (1.0, 10.0, 100.0, 1000.0)
 
 # A description may hold point masses or inertias no body can have: bodies below this radius of gyration [m], and
 # below this share of the robot's mass, are enlarged to it before they serve as the prior.
@@ -77,6 +82,36 @@ def feasible_prior(parameters: Array) -> Array:
     return links.ravel()
 
 
+def _solve(problem: cp.Problem, weight: cp.Parameter, prior_weight: float) -> None:
+    """Solve with the wanted pull towards the prior, or with the least stronger one that the solver can cope with.
+
+    Short or poor recordings leave directions that only the prior determines; a pull of 1e-5 against well measured
+    directions is then beyond double precision. What was needed is logged, not hidden.
+    """
+    status = ""
+    for weight.value in (prior_weight * step for step in _STRONGER):
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Solution may be inaccurate", category=UserWarning)
+            try:
+                problem.solve(solver=cp.CLARABEL)
+                status = str(problem.status)
+            except cp.SolverError as error:
+                status = str(error)
+        if status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+            if weight.value > prior_weight:
+                log.warning(
+                    "physically consistent least squares: solved with prior_weight %.3g instead of %.3g; "
+                    "the motions leave many parameters to the robot's description",
+                    weight.value,
+                    prior_weight,
+                )
+            return
+    raise HybridDynamicsError(
+        f"physically consistent least squares: {status}; expected 'optimal'; consider more exciting motions or a "
+        f"prior_weight larger than {prior_weight * _STRONGER[-1]:g}"
+    )
+
+
 def physical_least_squares(
     factor: Array,
     target: Array,
@@ -120,22 +155,11 @@ def physical_least_squares(
     residual = upper[:, :p] @ base + (upper[:, p:] / size) @ friction - goal
     divergence = cp.sum([cp.trace(body) - cp.log_det(body) for body in bodies])
     away = cp.sum_squares(armature - prior_armature / armature_scale)
+    weight = cp.Parameter(nonneg=True)
     problem = cp.Problem(
-        cp.Minimize(cp.sum_squares(residual) + prior_weight * (divergence + away)), [friction[: 2 * n] >= 0]
+        cp.Minimize(cp.sum_squares(residual) + weight * (divergence + away)), [friction[: 2 * n] >= 0]
     )
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Solution may be inaccurate", category=UserWarning)
-        try:
-            problem.solve(solver=cp.CLARABEL)
-        except cp.SolverError as error:
-            raise HybridDynamicsError(
-                f"physically consistent least squares: {error}; consider a larger prior_weight than {prior_weight:g}"
-            ) from None
-    if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
-        raise HybridDynamicsError(
-            f"physically consistent least squares: solver status {problem.status!r}; expected 'optimal'; consider a "
-            f"larger prior_weight than {prior_weight:g} or more exciting motions"
-        )
+    _solve(problem, weight, prior_weight)
     parameters = np.concatenate(
         [t @ ((body.value + body.value.T) / 2).ravel() for t, body in zip(to_parameters, bodies, strict=True)]
     )
