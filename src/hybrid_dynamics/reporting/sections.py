@@ -15,6 +15,8 @@ from hybrid_dynamics.reporting.results import Section, read_csv
 
 #: Inline drawings of one loop section beyond this many bytes are left out, so that the page stays light.
 DRAWINGS_LIMIT = 2_000_000
+#: Parameters of an effect that the summary shows (an inertia has ten; the loop's own page lists all).
+SHOWN_PARAMETERS = 4
 VERDICTS = {
     "explained": "what the rigid-body model lacked was found and added; held-out error is down to the noise",
     "partly_explained": "part of what the rigid-body model lacks was found and added; something remains",
@@ -144,10 +146,9 @@ def _named(diagnosis: Mapping[str, Any]) -> str:
     """The verdict in a sentence and one row per effect that was added."""
     rows: list[list[Cell | str]] = []
     for step, effect in enumerate(diagnosis["effects"], 1):
-        values = ", ".join(
-            f"{p['name']} {_number(p['value'])} ± {_number(p['std_error'], 2)} {p['unit']}"
-            for p in effect["parameters"]
-        )
+        shown = [_parameter(parameter) for parameter in effect["parameters"][:SHOWN_PARAMETERS]]
+        more = len(effect["parameters"]) - len(shown)
+        values = ", ".join([*shown, f"and {more} more"] if more else shown)
         alike = "; ".join(
             " + ".join(e["effect"] for e in alternative["effects"]) for alternative in effect["indistinguishable_from"]
         )
