@@ -21,6 +21,7 @@ from hybrid_dynamics.reporting import (
     PooledErrors,
     Section,
     StudyInputs,
+    blind_section,
     evaluate_predictions,
     loop_section,
     paper,
@@ -30,7 +31,7 @@ from hybrid_dynamics.reporting import (
 from hybrid_dynamics.reporting.checks import checks
 from hybrid_dynamics.reporting.coefficients import table_three
 from hybrid_dynamics.reporting.results import DatasetResults, read_dataset
-from hybrid_dynamics.reporting.sections import DRAWINGS_LIMIT, derivative_section
+from hybrid_dynamics.reporting.sections import BLIND_COLUMNS, DRAWINGS_LIMIT, derivative_section
 from hybrid_dynamics.reporting.tables import format_value, text_tables
 from hybrid_dynamics.trajectory import Trajectory
 from reporting_study import DAMPING, write_dataset
@@ -312,6 +313,25 @@ def test_derivative_accuracy_shows_the_best_method(tmp_path: Path) -> None:
     assert section is not None
     assert '<td class="best">0.1<small class="paper">best 0.09</small></td>' in section.html
     assert "9" not in re.sub(r"0\.\d+", "", section.html)
+
+
+def test_blind_cases_are_counted_by_what_was_planted(tmp_path: Path) -> None:
+    columns = list(BLIND_COLUMNS)
+    rows = [
+        ("c1", "panda", "armature", "j1", 5.0, "armature", "j1", "true", "true", 0.01, 1.0, 1.0),
+        ("c2", "panda", "payload", "-", 5.0, "armature", "j1", "false", "false", None, 2.0, 1.0),
+        ("c3", "panda", "payload", "-", 1.0, "", "", "false", "true", None, 1.0, 1.0),
+        ("c4", "panda", "", "", None, "", "", "true", "true", None, 1.0, 1.0),
+        ("c5", "panda", "payload armature", "- j1", 9.0, "payload armature", "- j1", "true", "true", 0.02, 1.1, 1.0),
+    ]
+    pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "blind.csv", index=False)
+    section = blind_section(tmp_path / "blind.csv")
+    assert section is not None
+    assert "1 of 2" in section.html
+    assert section.html.count("1 of 1") == 2
+    assert "1 smaller cases" in section.html
+    assert "The 1 cases" in section.html
+    assert blind_section(tmp_path / "none.csv") is None
 
 
 def test_held_out_motion_beyond_the_training_range_is_measured(panda: DatasetResults) -> None:

@@ -3,7 +3,7 @@
 from hybrid_dynamics.reporting.evaluation import Evaluation, EvaluationSettings, PooledErrors, evaluate_predictions
 from hybrid_dynamics.reporting.report import write_report
 from hybrid_dynamics.reporting.results import Section, StudyInputs
-from hybrid_dynamics.reporting.sections import derivative_section, loop_section, study_sections
+from hybrid_dynamics.reporting.sections import blind_section, derivative_section, loop_section, study_sections
 
 __all__ = [
     "Evaluation",
@@ -11,6 +11,7 @@ __all__ = [
     "PooledErrors",
     "Section",
     "StudyInputs",
+    "blind_section",
     "derivative_section",
     "evaluate_predictions",
     "loop_section",

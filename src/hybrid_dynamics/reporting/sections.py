@@ -15,6 +15,22 @@ from hybrid_dynamics.reporting.results import Section, read_csv
 
 #: Inline drawings of one loop section beyond this many bytes are left out, so that the page stays light.
 DRAWINGS_LIMIT = 2_000_000
+#: Added torque, in noise floors, from which on a planted effect must be found.
+BLIND_SIZE = 3.0
+BLIND_COLUMNS = (
+    "case",
+    "robot",
+    "hidden",
+    "hidden_joints",
+    "size_over_floor",
+    "named",
+    "named_joints",
+    "named_right",
+    "nothing_wrong_named",
+    "parameter_error",
+    "rmse_after",
+    "rmse_true_model",
+)
 #: Parameters of an effect that the summary shows (an inertia has ten; the loop's own page lists all).
 SHOWN_PARAMETERS = 4
 VERDICTS = {
@@ -123,6 +139,54 @@ def _short(value: Any) -> Any:
     if isinstance(value, dict):
         return "; ".join(f"{key} {_short(item)}" for key, item in value.items())
     return value
+
+
+def blind_section(path: Path) -> Section | None:
+    """Undeclared effects planted in simulation and found again: shares, parameter errors and every miss.
+
+    ``path`` is ``blind.csv``. Planted cases count from :data:`BLIND_SIZE` noise floors on; smaller ones are left out.
+    """
+    if not path.exists():
+        return None
+    cases = read_csv(path, BLIND_COLUMNS)
+    cases = cases.assign(
+        hidden=cases["hidden"].fillna("").astype(str),
+        named=cases["named"].fillna("").astype(str),
+        right=_truth(cases["named_right"]) & _truth(cases["nothing_wrong_named"]),
+        after=cases["rmse_after"] / cases["rmse_true_model"],
+    )
+    cases["planted"] = cases["hidden"].str.split().str.len()
+    counted = cases[(cases["planted"] == 0) | (cases["size_over_floor"] >= BLIND_SIZE)]
+    body: list[list[Cell | str]] = []
+    for (robot, planted), own in counted.groupby(["robot", "planted"]):
+        errors = own["parameter_error"].dropna()
+        body.append(
+            [
+                Cell(escape(str(robot)), "text"),
+                str(planted) if planted else "nothing",
+                f"{int(own['right'].sum())} of {len(own)}",
+                f"{100 * own['right'].mean():.1f} %",
+                f"{100 * errors.median():.2g} %" if len(errors) else "–",
+                f"{100 * errors.quantile(0.9):.2g} %" if len(errors) else "–",
+                f"{own['after'].median():.3f}",
+                f"{own['after'].max():.3f}",
+            ]
+        )
+    heads = ["Robot", "Effects planted", "Right, nothing else", "Share", "Parameter error, median", "90th percentile"]
+    heads += ["Error after / true model, median", "worst"]
+    misses = counted.loc[~counted["right"], ["case", "robot", "hidden", "hidden_joints", "named", "named_joints"]]
+    html = (
+        f"<p>Effects planted in simulation, unknown to the loop, from {BLIND_SIZE:g} noise floors of added torque "
+        f"on ({len(cases) - len(counted)} smaller cases are not counted). The true model's error is on the same "
+        "processed data.</p>" + table(heads, body)
+    )
+    if len(misses):
+        html += details(f"The {len(misses)} cases that were not named right", frame_table(misses.fillna("")))
+    return Section("blind", "Undeclared effects in simulation", html)
+
+
+def _truth(column: pd.Series) -> pd.Series:
+    return column.astype(str).str.lower() == "true"
 
 
 def loop_section(
