@@ -1,6 +1,9 @@
 """Symbolic regression: known truth in rounds, the contract of both engines, constants, safe expressions."""
 
+import ast
+from importlib.util import find_spec
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +21,7 @@ from hybrid_dynamics.models import (
     symbolic_regression,
 )
 from hybrid_dynamics.models.symbolic import Candidate, make_engine
-from hybrid_dynamics.models.symbolic.pysr_engine import PySREngine, find_julia, read_equations
+from hybrid_dynamics.models.symbolic.pysr_engine import PySREngine, find_julia, read_equations, regressor_options
 from hybrid_dynamics.models.symbolic.refit import Pruning, bases_of, fit_constants, fit_terms
 from hybrid_dynamics.models.symbolic.settings import best_candidate
 
@@ -144,6 +147,21 @@ def test_pysr_without_julia_fails_at_once(monkeypatch, tmp_path):
     monkeypatch.setenv("PYTHON_JULIAPKG_EXE", "set, so that the next line's change is undone")
     monkeypatch.delenv("PYTHON_JULIAPKG_EXE")
     assert not PySREngine().concurrent
+
+
+def test_pysr_knows_the_options_it_is_given():
+    """Read from PySR's source, because importing it starts Julia."""
+    source = Path(find_spec("pysr").origin).with_name("sr.py").read_text()
+    regressor = next(n for n in ast.parse(source).body if isinstance(n, ast.ClassDef) and n.name == "PySRRegressor")
+    methods = {n.name: n.args for n in regressor.body if isinstance(n, ast.FunctionDef)}
+    known = {a.arg for a in (*methods["__init__"].args, *methods["__init__"].kwonlyargs)}
+    options = regressor_options(SymbolicSettings(operators=("add", "div", "sign")), 20_000, 1)
+    assert options.keys() <= known
+    assert options["binary_operators"] == ["+", "/"]
+    assert options["unary_operators"] == ["sign"]
+    assert options["batching"]
+    assert options["batch_size"] == 10_000
+    assert "variable_names" in {a.arg for a in (*methods["fit"].args, *methods["fit"].kwonlyargs)}
 
 
 def test_pysr_table_is_translated():

@@ -30,6 +30,7 @@ _FUNCTIONS: dict[str, Callable[..., sp.Expr]] = {
     "abs": sp.Abs,
     "Abs": sp.Abs,
     "sign": sp.sign,
+    "neg": lambda x: -x,
     "square": lambda x: x**2,
     "cube": lambda x: x**3,
 }

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from typing import Self
 
 import numpy as np
@@ -46,11 +47,16 @@ class SymbolicEstimator(RegressorMixin, BaseEstimator):
                 X, y[:, j], names, settings, variance=float(total[j]), joint=j + 1, engine=engine
             )
 
-        results: list[SymbolicResult] = []
         workers = min(settings.workers, self.n_joints_) if engine.concurrent else 1
-        # The searches and the linear algebra release Python's lock, so threads do; BLAS itself stays on one.
-        with threadpool_limits(1), ThreadPoolExecutor(workers) as pool:
-            for result in pool.map(search, range(self.n_joints_)):
+        with threadpool_limits(1), ExitStack() as stack:
+            found: Iterator[SymbolicResult] = map(search, range(self.n_joints_))
+            if workers > 1:
+                # The searches and the linear algebra release Python's lock, so threads do. One worker stays in the
+                # main thread, where Julia wants to be.
+                pool = stack.enter_context(ThreadPoolExecutor(workers))
+                found = pool.map(search, range(self.n_joints_))
+            results: list[SymbolicResult] = []
+            for result in found:
                 results.append(result)
                 if self.progress is not None:
                     self.progress(len(results), self.n_joints_)

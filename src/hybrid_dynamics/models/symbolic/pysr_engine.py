@@ -53,25 +53,29 @@ class PySREngine:
         """See :class:`Engine`."""
         from pysr import PySRRegressor
 
-        unary = [name for name in settings.operators if name not in BINARY]
-        regressor = PySRRegressor(
-            binary_operators=[_SYMBOLS[name] for name in settings.operators if name in BINARY],
-            unary_operators=unary,
-            niterations=settings.iterations,
-            maxsize=max(settings.max_length, 7),
-            batching=len(X) > settings.batch,
-            batch_size=settings.batch,
-            precision=64,
-            random_state=seed,
-            deterministic=True,
-            parallelism="serial",
-            verbosity=0,
-            progress=False,
-            temp_equation_file=True,
-        )
+        regressor = PySRRegressor(**regressor_options(settings, len(X), seed))
         names = variable_names(X.shape[1])
         regressor.fit(X, y, variable_names=names)
         return read_equations(regressor.equations_.to_dict("records"), names)
+
+
+def regressor_options(settings: SymbolicSettings, samples: int, seed: int) -> dict[str, Any]:
+    """Arguments of ``PySRRegressor``: those that 1.5 and 2.x have in common."""
+    return {
+        "binary_operators": [_SYMBOLS[name] for name in settings.operators if name in BINARY],
+        "unary_operators": [name for name in settings.operators if name not in BINARY],
+        "niterations": settings.iterations,
+        "maxsize": max(settings.max_length, 7),
+        "batching": samples > settings.batch,
+        "batch_size": settings.batch,
+        "precision": 64,
+        "random_state": seed,
+        "deterministic": True,
+        "parallelism": "serial",
+        "verbosity": 0,
+        "progress": False,
+        "temp_equation_file": True,
+    }
 
 
 def read_equations(table: Iterable[Mapping[str, Any]], names: list[str]) -> list[Candidate]:
