@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hybrid_dynamics.errors import ConfigError, InputError
@@ -30,6 +30,7 @@ from hybrid_dynamics.reporting import (
 )
 from hybrid_dynamics.reporting.checks import checks
 from hybrid_dynamics.reporting.coefficients import table_three
+from hybrid_dynamics.reporting.pieces import best_beside_rigid_body
 from hybrid_dynamics.reporting.results import DatasetResults, read_dataset
 from hybrid_dynamics.reporting.sections import BLIND_COLUMNS, DRAWINGS_LIMIT, derivative_section
 from hybrid_dynamics.reporting.tables import format_value, text_tables
@@ -41,6 +42,7 @@ def run(name: str, split: str, tau: np.ndarray) -> Trajectory:
     return Trajectory(name, split, np.arange(len(tau)) * 0.01, {"tau": tau, "q": np.zeros_like(tau)})
 
 
+@settings(deadline=None, max_examples=60)
 @given(st.integers(0, 10_000), st.lists(st.integers(2, 60), min_size=1, max_size=5), st.floats(-1e4, 1e4))
 def test_pool_equals_the_runs_laid_end_to_end(seed: int, lengths: list[int], offset: float) -> None:
     rng = np.random.default_rng(seed)
@@ -313,6 +315,23 @@ def test_derivative_accuracy_shows_the_best_method(tmp_path: Path) -> None:
     assert section is not None
     assert '<td class="best">0.1<small class="paper">best 0.09</small></td>' in section.html
     assert "9" not in re.sub(r"0\.\d+", "", section.html)
+
+
+def test_a_joint_that_never_moves_and_no_held_out_run_are_reported(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "data" / "custom", "recorded", runs=(1, 0))
+    errors = pd.read_parquet(folder / "errors.parquet")
+    errors.loc[errors["joint"] == 2, "relative_rmse"] = np.nan
+    errors.to_parquet(folder / "errors.parquet")
+    page = write_report(StudyInputs(tmp_path / "data", ("custom",)), tmp_path / "reports").read_text("utf-8")
+    assert "On the training runs the rigid body alone" in page
+    assert "<td>–</td>" in page
+    write_dataset(tmp_path / "data" / "moved", "recorded", runs=(0, 1))
+    result = read_dataset(tmp_path / "data" / "moved")
+    errors = result.errors.copy()
+    errors.loc[errors["joint"] == 2, "relative_rmse"] = np.nan
+    html = best_beside_rigid_body(replace(result, errors=errors))
+    assert "panda_joint1" in html
+    assert "panda_joint2" not in html
 
 
 def test_blind_cases_are_counted_by_what_was_planted(tmp_path: Path) -> None:

@@ -93,6 +93,8 @@ def best_beside_rigid_body(result: DatasetResults) -> str:
     errors = result.pooled("test")
     if "rigid_body" not in errors or len(errors.columns) < 2:
         return ""
+    # A joint whose torque does not vary has no relative error; it has no row here.
+    errors = errors.dropna(how="all")
     learned = errors.drop(columns="rigid_body")
     rows: list[list[Cell | str]] = []
     for joint in errors.index:

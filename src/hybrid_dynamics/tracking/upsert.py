@@ -22,6 +22,10 @@ DIGEST_TAG = "result_digest"
 #: ``true`` on the newest run of a dataset and method: filter the comparison by it.
 LATEST_TAG = "latest"
 EXAMPLE_ROWS = 5
+NOTE = (
+    "One run per dataset and method, logged from the result files of the pipeline. Filter by tags.latest = 'true' for "
+    "the newest results; metrics are named split/measure/joint."
+)
 SCRIPT = Path(__file__).with_name("torque_model.py")
 
 
@@ -94,7 +98,9 @@ def _experiment(client: Any, store: Store) -> str:
     if found is not None:
         return str(found.experiment_id)
     location = (store.artifacts / store.experiment).resolve().as_uri()
-    return str(client.create_experiment(store.experiment, artifact_location=location))
+    # The kind decides which columns and views MLflow's page opens with.
+    tags = {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": NOTE}
+    return str(client.create_experiment(store.experiment, artifact_location=location, tags=tags))
 
 
 def _common_tags(code: str | os.PathLike[str]) -> dict[str, str]:
