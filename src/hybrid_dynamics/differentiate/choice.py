@@ -74,7 +74,7 @@ class Choice:
         else:
             value = _by_residual(method, noisy, self.dt, self.criterion, options)
         self._surrogate = (truth, method.column(noisy, self.dt, value, **options)[1], inner)
-        return value
+        return float(value)
 
     def _surrogates(self) -> tuple[list[Array], Array, slice]:
         """Known signal and derivatives, the noisy signal as it stands at this step, and the rows clear of edges."""
@@ -122,7 +122,7 @@ def minimise(loss: Any, candidates: Array, rounds: int = 3) -> float:
             if attempted < smallest:
                 value, smallest = trial, attempted
                 break
-    return value
+    return float(value)
 
 
 def _by_residual(method: Method, x: Array, dt: float, criterion: str, options: dict[str, Any]) -> float:

@@ -24,7 +24,7 @@ from hybrid_dynamics.errors import ConfigError
 Array = NDArray[np.float64]
 
 #: Relative duality gap at which the iteration stops, and the largest with which it may end when rounding stops it.
-TOLERANCE = 1e-11
+TOLERANCE = 1e-10
 ACCEPTED = 1e-6
 MAX_ITERATIONS = 200
 #: Iterations in a row that do not halve the gap, after which rounding is taken to have the last word.
