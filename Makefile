@@ -9,6 +9,7 @@ export PYTHONUNBUFFERED := 1
 # BLAS threads beside busy processes on few cores cost more than they bring; stages use worker processes instead.
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
+export MLFLOW_DISABLE_TELEMETRY := true
 
 .PHONY: help venv repro tables test lint params ui lock bench clean-venv
 

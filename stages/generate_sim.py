@@ -28,7 +28,8 @@ def main() -> None:
             seed=section(params, "seed", int),
             progress=progress,
         )
-        write_trajectories(files.trajectories, rollouts, {"dataset": files.dataset, "provenance": SIMULATED})
+        metadata = {"dataset": files.dataset, "provenance": SIMULATED, "damping": list(settings.damping)}
+        write_trajectories(files.trajectories, rollouts, metadata)
 
 
 if __name__ == "__main__":

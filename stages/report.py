@@ -10,7 +10,7 @@ from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.layout import DERIVATIVES, REPORTS, BlindFiles, DatasetFiles
 from hybrid_dynamics.reporting import StudyInputs, write_report
-from hybrid_dynamics.reporting.sections import derivative_section, study_sections
+from hybrid_dynamics.reporting.sections import blind_section, derivative_section, study_sections
 
 
 def main() -> None:
@@ -26,7 +26,7 @@ def main() -> None:
         data=Path("data"),
         datasets=tuple(names),
         pictures={name: path for name, robot in robots.items() if (path := picture_of(robot)) is not None},
-        sections=(*study_sections(names), *filter(None, [derivative_section(DERIVATIVES)])),
+        sections=(*study_sections(names), *filter(None, [blind_section(REPORTS / "blind.csv"), derivative_section(DERIVATIVES)])),
     )
     print(f"report: {write_report(study, REPORTS)}")
 

@@ -48,11 +48,13 @@ def differentiate_trajectory(
             "expected a uniform grid, resample the run first"
         )
     if settings.method == ZOH:
-        return _zero_order_hold(trajectory, dt)
+        return _zero_order_hold(trajectory, dt, settings)
     return _recorded(trajectory, dt, settings)
 
 
-def _zero_order_hold(trajectory: Trajectory, dt: float) -> tuple[Trajectory, dict[str, Any]]:
+def _zero_order_hold(
+    trajectory: Trajectory, dt: float, settings: DifferentiateSettings
+) -> tuple[Trajectory, dict[str, Any]]:
     """Row k: torque held over [t_k, t_k + dt), the interval's mean state, ddq = (dq[k+1] - dq[k]) / dt.
 
     A row's time is the middle of its interval. Jerk is the central difference of ddq. T samples bound T - 1 intervals;
@@ -74,7 +76,15 @@ def _zero_order_hold(trajectory: Trajectory, dt: float) -> tuple[Trajectory, dic
             "tau": trajectory["tau"][1:-2],
         },
     )
-    report = {"method": ZOH, "dt": dt, "source": "dq", "trim_rows": [1, 2], "trim_s": [dt, 2 * dt]}
+    extra = max(round(settings.trim_s / dt) - 1, 0) if settings.trim_s >= 0 else 0
+    if 2 * extra >= len(out.time) - 1:
+        raise InputError(
+            f"trajectory {trajectory.name}: trimming {settings.trim_s} s at both ends leaves nothing of "
+            f"{trajectory.time[-1] - trajectory.time[0]:.4g} s; set a smaller differentiate.trim_s"
+        )
+    out = out.rows(slice(extra, len(out.time) - extra))
+    trim = [1 + extra, 2 + extra]
+    report = {"method": ZOH, "dt": dt, "source": "dq", "trim_rows": trim, "trim_s": [dt * rows for rows in trim]}
     return out, {**report, "torque_filter": "none: torque is held over each interval"}
 
 

@@ -47,6 +47,10 @@ def study_sections(datasets: Sequence[str], data: Path = Path("data")) -> tuple[
     for name in datasets:
         folder = data / name
         found.append(loop_section(name, folder / "models" / "loop"))
+        for question in sorted((folder / "questions").glob("*/diagnosis.json")):
+            asked = question.parent.name
+            title = f"What changed? Asked of the calibrated model: {asked.replace('_', ' ')}"
+            found.append(loop_section(name, question.parent, title, f"question-{asked}"))
         found.append(least_squares_section(name, folder / "models" / "least_squares" / "model.json"))
         found.append(differentiate_section(name, folder / "differentiate.json"))
     return tuple(section for section in found if section is not None)
@@ -190,7 +194,7 @@ def _truth(column: pd.Series) -> pd.Series:
 
 
 def loop_section(
-    dataset: str, folder: Path, title: str = "The closed loop: what the rigid-body model lacks"
+    dataset: str, folder: Path, title: str = "The closed loop: what the rigid-body model lacks", name: str = "loop"
 ) -> Section | None:
     """Verdict and named effects of ``diagnosis.json`` in ``folder``, and the loop's own page, folded away."""
     diagnosis, page = folder / "diagnosis.json", folder / "report.html"
@@ -203,7 +207,7 @@ def loop_section(
         body = re.sub(r"<(/?)h([23])\b", lambda found: f"<{found[1]}h{int(found[2]) + 2}", body)
         summary = "Residuals before and after each effect, ranked candidates, what is left"
         html += details(summary, f"<div class='loop'>{_limited(body)}</div>")
-    return Section("loop", title, html, dataset)
+    return Section(name, title, html, dataset)
 
 
 def _named(diagnosis: Mapping[str, Any]) -> str:
