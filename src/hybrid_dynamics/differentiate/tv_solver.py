@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-10
 ACCEPTED = 1e-6
 MAX_ITERATIONS = 200
-#: Iterations in a row that do not halve the gap, after which rounding is taken to have the last word.
+#: Iterations in a row that do not halve the gap, after which rounding is taken to have the last word; ten times as many
+#: before the gap is acceptable.
 STALLED = 4
 
 
@@ -114,7 +115,8 @@ def _interior_point(y: Array, lam: float, tolerance: float) -> tuple[Array, floa
         if gap < best_gap:
             best, best_gap = xi, gap
             best_objective = 0.5 * float(np.sum((y - xi) ** 2)) + lam * float(np.sum(np.abs(z)))
-        if best_gap <= tolerance * best_objective or stalled >= STALLED:
+        patience = STALLED if best_gap <= ACCEPTED * best_objective else 10 * STALLED
+        if best_gap <= tolerance * best_objective or stalled >= patience:
             return best, best_gap, iteration
         mu = (_dot(upper, room_up) + _dot(lower, room_low)) / (2 * m)
         slope_up, slope_low = upper / room_up, lower / room_low
