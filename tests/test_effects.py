@@ -23,6 +23,7 @@ EXAMPLES = {
     "armature": Effect("armature", JOINT, {"armature": 0.4}),
     "payload": Effect("payload", (), BODY),
     "link_inertia": Effect("link_inertia", JOINT, BODY),
+    "load_dependent_friction": Effect("load_dependent_friction", JOINT, {"load_coefficient": 0.05}),
     "gravity_tilt": Effect("gravity_tilt", (), {"roll": 1e-5, "pitch": -2e-5}),
 }
 
@@ -50,7 +51,8 @@ def test_columns_times_coordinates_is_the_torque_the_planted_robot_needs(name, p
     else:
         expected[:, slot.joint] += columns @ x
     robot, torque = plant(panda, [effect])
-    added = robot.inverse_dynamics(q, dq, ddq) + torque(q, dq) - panda.inverse_dynamics(q, dq, ddq)
+    rigid = robot.inverse_dynamics(q, dq, ddq)
+    added = rigid + torque(q, dq, rigid) - panda.inverse_dynamics(q, dq, ddq)
     assert np.abs(added).max() > 1e-5
     # A tilt is linear only for small angles: its second-order part is 1e-5 of the first here.
     tolerance = 1e-4 if kind.nonlinear else 1e-9
@@ -61,8 +63,9 @@ def test_columns_times_coordinates_is_the_torque_the_planted_robot_needs(name, p
 def test_forward_dynamics_of_the_planted_robot_undoes_the_effect(name, panda, states):
     q, dq, ddq = states
     robot, torque = plant(panda, [EXAMPLES[name]])
-    tau = robot.inverse_dynamics(q, dq, ddq) + torque(q, dq)
-    np.testing.assert_allclose(robot.forward_dynamics(q, dq, tau - torque(q, dq)), ddq, atol=1e-6)
+    rigid = robot.inverse_dynamics(q, dq, ddq)
+    tau = rigid + torque(q, dq, rigid)
+    np.testing.assert_allclose(robot.forward_dynamics(q, dq, tau - torque(q, dq, rigid)), ddq, atol=1e-6)
     # Wrong-cause control: without the effect the motion is another one.
     assert np.abs(panda.forward_dynamics(q, dq, tau) - ddq).max() > 1e-5
 

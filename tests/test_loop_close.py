@@ -102,6 +102,22 @@ def test_effects_that_mask_each_other_are_separated_with_the_same_bytes_every_ti
     assert again.diagnosis["verdict"] == "nothing_missing"
 
 
+def test_friction_that_grows_with_the_load_is_told_from_plain_friction(panda):
+    effects = [
+        Effect("payload", (), BODY),
+        Effect("load_dependent_friction", ("panda_joint2",), {"load_coefficient": 0.08}),
+        Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 1.5}),
+    ]
+    train, test = exercises(panda, effects, train=3, test=1, **SHORT)
+    for run in (*train, *test):
+        assert np.isfinite(run["tau"]).all()
+    diagnosis = close_loop(panda, train, test).diagnosis
+    assert set(named(diagnosis)) == {(e.effect, e.joints) for e in effects}
+    values = {e["effect"]: e["parameters"][0]["value"] for e in diagnosis["effects"]}
+    assert values["load_dependent_friction"] == pytest.approx(0.08, rel=0.05)
+    assert values["payload"] == pytest.approx(BODY["mass"], rel=0.02)
+
+
 def test_first_joint_rotor_and_link_cannot_be_told_apart_and_it_says_so(panda):
     effect = Effect("armature", ("panda_joint1",), {"armature": 0.2})
     train, test = exercises(panda, [effect], train=3, test=1, **SHORT)

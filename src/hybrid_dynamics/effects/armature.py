@@ -16,6 +16,7 @@ class Armature(Family):
     name = "armature"
     scope = "joint"
     parameters = (Parameter("armature", "kg m^2"),)
+    changes_body = True
     shown_by = "the joint accelerates hard while the joints before it move as well"
 
     def columns(self, motion: Motion, slot: Slot) -> Array:

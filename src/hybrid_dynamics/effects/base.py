@@ -23,7 +23,7 @@ from hybrid_dynamics.robots import Robot
 Array = NDArray[np.float64]
 Settings = tuple[tuple[str, Any], ...]
 Scope = Literal["joint", "link", "robot"]
-StateTorque = Callable[[Array, Array], Array]
+StateTorque = Callable[..., Array]
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,24 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Motion:
-    """States of a run: ``time`` (T,) [s], ``q dq ddq`` (T, n), and the robot whose rigid body moves."""
+    """States of a run: ``time`` (T,) [s], ``q dq ddq`` (T, n), and the robot whose rigid body moves.
+
+    ``given_load`` (T, n) [N m] replaces the robot's own rigid-body torque where the model has changed it.
+    """
 
     robot: Robot
     time: Array
     q: Array
     dq: Array
     ddq: Array
+    given_load: Array | None = None
+
+    @cached_property
+    def load(self) -> Array:
+        """Rigid-body torque (T, n) [N m]: what the drive delivers beyond its own friction."""
+        if self.given_load is not None:
+            return self.given_load
+        return self.robot.inverse_dynamics(self.q, self.dq, self.ddq)
 
     @cached_property
     def regressor(self) -> Array:
@@ -121,6 +132,10 @@ class Family(ABC):
     size: ClassVar[int] = 1
     #: True where the torque is not exactly linear in the coordinates.
     nonlinear: ClassVar[bool] = False
+    #: True where the torque depends on the rigid-body torque of the joint, and so on all other effects of the body.
+    uses_load: ClassVar[bool] = False
+    #: True where the effect changes the rigid body.
+    changes_body: ClassVar[bool] = False
     #: What motion shows this effect as itself (one clause, follows "a motion in which").
     shown_by: ClassVar[str] = ""
 
@@ -157,8 +172,11 @@ class Family(ABC):
     def change(self, robot: Robot, effect: Effect) -> None:  # noqa: B027 (most effects leave the rigid body alone)
         """Enter ``robot.model`` (changed in place), where the effect is part of the rigid body."""
 
-    def torque(self, effect: Effect, q: Array, dq: Array) -> Array | None:
-        """Torque (T,) [N m] that the drive of the effect's joint must add at joint states ``q dq`` (T,), or None."""
+    def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array | None:
+        """Torque (T,) [N m] that the drive of the effect's joint must add at joint states ``q dq`` (T,), or None.
+
+        ``load`` (T,) [N m] is the joint's rigid-body torque, for effects that use it.
+        """
         return None
 
     def jacobian(self, x: Array, robot: Robot, slot: Slot) -> Array:

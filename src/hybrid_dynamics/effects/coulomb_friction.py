@@ -50,5 +50,5 @@ class CoulombFriction(Family):
     def lower_bounds(self) -> Array:
         return np.zeros(1)
 
-    def torque(self, effect: Effect, q: Array, dq: Array) -> Array:
+    def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
         return effect.parameters["coulomb_torque"] * smooth_sign(dq, float(effect.settings.get("sign_width", 0.0)))

@@ -26,6 +26,7 @@ class GravityTilt(Family):
     parameters = (Parameter("roll", "rad"), Parameter("pitch", "rad"))
     size = 2
     nonlinear = True
+    changes_body = True
     shown_by = "the first joint carries the stretched arm slowly all the way round"
 
     def columns(self, motion: Motion, slot: Slot) -> Array:

@@ -25,6 +25,7 @@ class LinkInertia(Family):
     scope = "link"
     parameters = BODY_PARAMETERS
     size = 10
+    changes_body = True
     shown_by = "the joint of that link and those before it accelerate together in many postures"
 
     def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:

@@ -21,6 +21,7 @@ class Payload(Family):
     scope = "robot"
     parameters = BODY_PARAMETERS
     size = 10
+    changes_body = True
     shown_by = "the wrist turns through many orientations at rest and then accelerates in each of them"
 
     def columns(self, motion: Motion, slot: Slot) -> Array:

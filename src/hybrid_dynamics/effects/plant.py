@@ -17,7 +17,8 @@ def plant(robot: Robot, effects: Iterable[Effect]) -> tuple[Robot, StateTorque]:
     """The robot with ``effects``: a changed copy, and the torque its drives must add.
 
     The second is a function of joint states ``(q, dq)``, both (T, n), giving (T, n) [N m]: under drive torque tau the
-    changed robot accelerates as if it were given ``tau - torque(q, dq)``.
+    changed robot accelerates as if it were given ``tau - torque(q, dq)``. Effects that depend on the load need a third
+    argument, the rigid-body torque (T, n) of the changed robot.
     """
     changed = robot.copy()
     added: list[tuple[int, Effect]] = []
@@ -25,13 +26,14 @@ def plant(robot: Robot, effects: Iterable[Effect]) -> tuple[Robot, StateTorque]:
         kind = family(effect.effect)
         kind.change(changed, effect)
         joint = effect.joint_index(robot)
-        if joint is not None and kind.torque(effect, np.zeros(1), np.zeros(1)) is not None:
+        if joint is not None and kind.torque(effect, np.zeros(1), np.zeros(1), np.zeros(1)) is not None:
             added.append((joint, effect))
 
-    def torque(q: Array, dq: Array) -> Array:
+    def torque(q: Array, dq: Array, load: Array | None = None) -> Array:
         out = np.zeros_like(dq)
         for joint, effect in added:
-            part = family(effect.effect).torque(effect, q[:, joint], dq[:, joint])
+            own = None if load is None else load[:, joint]
+            part = family(effect.effect).torque(effect, q[:, joint], dq[:, joint], own)
             assert part is not None
             out[:, joint] += part
         return out

@@ -20,5 +20,5 @@ class TorqueOffset(Family):
     def columns(self, motion: Motion, slot: Slot) -> Array:
         return np.ones((len(motion.time), 1))
 
-    def torque(self, effect: Effect, q: Array, dq: Array) -> Array:
+    def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
         return np.full_like(dq, effect.parameters["offset"])

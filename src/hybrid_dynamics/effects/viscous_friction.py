@@ -23,5 +23,5 @@ class ViscousFriction(Family):
     def lower_bounds(self) -> Array:
         return np.zeros(1)
 
-    def torque(self, effect: Effect, q: Array, dq: Array) -> Array:
+    def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
         return effect.parameters["viscous_coefficient"] * dq

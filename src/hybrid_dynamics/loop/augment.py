@@ -47,12 +47,26 @@ def effects_of(evidence: Evidence, slots: Sequence[Slot], x: Array, covariance: 
 
 
 def refit(evidence: Evidence, slots: Sequence[Slot], rounds: int = 3) -> Array:
-    """Absolute Gauss-Newton re-fit of all coordinates; one round where everything is linear."""
+    """Absolute Gauss-Newton re-fit of all coordinates; one round where everything is linear.
+
+    Columns that depend on the load follow the rigid body of the model that is being fitted.
+    """
+    kinds = [s.family() for s in slots]
+    loaded = any(s.family().uses_load for s in evidence.slots) and any(k.changes_body for k in kinds)
+    if not any(k.nonlinear for k in kinds):
+        evidence.reset()
     x = evidence.fit(slots)
-    if any(s.family().nonlinear for s in slots):
+    coupled = loaded and any(k.uses_load for k in kinds)
+    if any(k.nonlinear for k in kinds) or coupled:
         for _ in range(rounds):
-            evidence.relinearise(effects_of(evidence, slots, x), slots, x)
+            effects = effects_of(evidence, slots, x)
+            if loaded:
+                evidence.renew_load(evidence.base.adding(effects))
+            if any(k.nonlinear for k in kinds):
+                evidence.relinearise(effects, slots, x)
             x = evidence.fit(slots)
+    elif loaded:
+        evidence.renew_load(evidence.base.adding(effects_of(evidence, slots, x)))
     return x
 
 

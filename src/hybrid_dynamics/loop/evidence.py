@@ -8,13 +8,13 @@ these, so a candidate costs about a millisecond, whatever the length of the logs
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Effect, Slot
+from hybrid_dynamics.effects import Effect, Motion, Slot
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
@@ -94,7 +94,7 @@ class Evidence:
         for slot in slots:
             if slot in self._columns:
                 continue
-            parts = [run.smooth(slot.family().columns(run.motion, slot)) for run in self.runs]
+            parts = self._smoothed(slot, [run.motion for run in self.runs])
             only = dict(slot.settings).get(ONLY_RUN)
             if only is not None:
                 parts = [p if run.name == only else np.zeros_like(p) for p, run in zip(parts, self.runs, strict=True)]
@@ -113,21 +113,48 @@ class Evidence:
             self.slots.append(slot)
         self._reduce()
 
-    def _reduce(self) -> None:
-        blocks = len(self.block_rows)
-        self.gram: list[Array] = []
-        self.count = np.zeros((blocks, self.n))
-        for j in range(self.n):
-            size = self._rows[0][j].shape[1] + 1
-            gram = np.zeros((blocks, size, size))
-            for b, (low, high) in enumerate(self.block_rows):
-                r = self.block_run[b]
-                keep = self.runs[r].mask[low:high, j]
-                rows = np.column_stack([self._rows[r][j][low:high], self.target[r][low:high, j]])[keep]
-                gram[b] = rows.T @ rows
-                self.count[b, j] = keep.sum()
-            self.gram.append(gram)
+    def _smoothed(self, slot: Slot, motions: Sequence[Motion]) -> list[Array]:
+        return [run.smooth(slot.family().columns(m, slot)) for run, m in zip(self.runs, motions, strict=True)]
+
+    def renew_load(self, model: Model) -> None:
+        """Compute the columns that depend on the load anew, with the rigid-body torque of ``model``."""
+        slots = [s for s in self.slots if s.family().uses_load]
+        if not slots:
+            return
+        robot = model.completed_robot
+        motions = [
+            replace(run.motion, given_load=robot.inverse_dynamics(run.motion.q, run.motion.dq, run.motion.ddq))
+            for run in self.runs
+        ]
+        for slot in slots:
+            where = self._columns[slot][slot.index]
+            if where is not None:
+                for r, part in enumerate(self._smoothed(slot, motions)):
+                    self._rows[r][slot.index][:, where] = part
+        for j in sorted({slot.index for slot in slots}):
+            self.gram[j] = self._joint_gram(j)
         self._sum()
+
+    def _reduce(self) -> None:
+        self.gram = [self._joint_gram(j) for j in range(self.n)]
+        self.count = np.array(
+            [
+                self.runs[r].mask[low:high].sum(axis=0)
+                for r, (low, high) in zip(self.block_run, self.block_rows, strict=True)
+            ],
+            float,
+        )
+        self._sum()
+
+    def _joint_gram(self, j: int) -> Array:
+        size = self._rows[0][j].shape[1] + 1
+        gram = np.zeros((len(self.block_rows), size, size))
+        for b, (low, high) in enumerate(self.block_rows):
+            r = self.block_run[b]
+            rows = np.column_stack([self._rows[r][j][low:high], self.target[r][low:high, j]])
+            rows = rows[self.runs[r].mask[low:high, j]]
+            gram[b] = rows.T @ rows
+        return gram
 
     def _retarget(self) -> None:
         """Renew what depends on the target in the Gram matrices."""
@@ -157,6 +184,11 @@ class Evidence:
             self.target[r] = run.tau - run.smooth(self.predict_fine(model, run)) + linear[r]
         self._retarget()
 
+    def reset(self) -> None:
+        """The target of the beginning again: for models that are linear."""
+        self.target = [t.copy() for t in self.base_target]
+        self._retarget()
+
     def linear(self, slots: Sequence[Slot], x: Array) -> list[Array]:
         """Columns times coordinates: torque (K, n) [N m] of ``slots`` in every run."""
         layout = self.layout(slots)
@@ -172,6 +204,10 @@ class Evidence:
     def residuals(self, slots: Sequence[Slot], x: Array) -> list[Array]:
         """What ``slots`` at ``x`` leave of the target (K, n) [N m] in every run."""
         return [t - part for t, part in zip(self.target, self.linear(slots, x), strict=True)]
+
+    def acts(self, slot: Slot) -> NDArray[np.bool_]:
+        """(n,) on which joints ``slot`` has a torque."""
+        return np.array([where is not None for where in self._columns[slot]])
 
     def joint_rows(self, run: int, joint: int) -> Array:
         """Smoothed columns (K, p) of all slots that act on ``joint`` in run number ``run``."""

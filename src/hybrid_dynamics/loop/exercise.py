@@ -57,7 +57,8 @@ def exercise(
     spline = make_interp_spline(time, q, k=7)
     dq, ddq = spline(time, 1), spline(time, 2)
     changed, torque = plant(robot, effects)
-    tau = changed.inverse_dynamics(q, dq, ddq) + torque(q, dq)
+    rigid = changed.inverse_dynamics(q, dq, ddq)
+    tau = rigid + torque(q, dq, rigid)
     tau += rng.normal(size=tau.shape) * torque_noise_share * robot.effort_limits
     if encoder_bits:
         step = 2 * np.pi / 2**encoder_bits

@@ -15,8 +15,8 @@ from hybrid_dynamics.loop.trace import Judge, same_place
 
 Array = NDArray[np.float64]
 
-#: Parameters of two runs that differ by less than this share of their size are the same for any purpose.
-DIFFERENCE = 0.03
+#: Parameters of two runs that differ by less than this share are the same: drive gains are no better known.
+DIFFERENCE = 0.05
 
 
 def indistinguishable(

@@ -42,7 +42,8 @@ class Model:
     def predict(self, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> Array:
         """Drive torque (T, n) [N m] for whole trajectories; ``time`` (T,) [s] serves effects that depend on it."""
         robot, torque = self._planted
-        return robot.inverse_dynamics(q, dq, ddq) + torque(np.asarray(q, float), np.asarray(dq, float))
+        rigid = robot.inverse_dynamics(q, dq, ddq)
+        return rigid + torque(np.asarray(q, float), np.asarray(dq, float), rigid)
 
     def adding(self, effects: Iterable[Effect]) -> Model:
         """A model with ``effects`` appended."""

@@ -69,9 +69,12 @@ class Judge:
         return max(min(2, int((self.evidence.samples >= 20).sum())), 1)
 
     def matters(self, slot: Slot, joint_gain: Array, share: float) -> bool:
-        """True where the gain (n,) [N m]^2 is of practical size on enough joints."""
+        """True where the gain (n,) [N m]^2 is of practical size on enough of the joints on which the effect acts.
+
+        A gain elsewhere comes from what the effect allows the others to do: then it is a proxy.
+        """
         bar = np.maximum(share * self.floor**2, self.settings.torque_share * self.torque_variance)
-        return int(np.sum(joint_gain > bar)) >= self.needed(slot)
+        return int(np.sum((joint_gain > bar) & self.evidence.acts(slot))) >= self.needed(slot)
 
 
 def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Array) -> list[Candidate]:
