@@ -22,11 +22,12 @@ def main() -> None:
     scores = [pd.read_csv(BlindFiles(name).scores) for name in section(params, "blind_robots", list[str])]
     if scores:
         write_text(REPORTS / "blind.csv", pd.concat(scores).to_csv(index=False))
+    extra = (blind_section(REPORTS / "blind.csv"), derivative_section(DERIVATIVES))
     study = StudyInputs(
         data=Path("data"),
         datasets=tuple(names),
         pictures={name: path for name, robot in robots.items() if (path := picture_of(robot)) is not None},
-        sections=(*study_sections(names), *filter(None, [blind_section(REPORTS / "blind.csv"), derivative_section(DERIVATIVES)])),
+        sections=(*study_sections(names), *filter(None, extra)),
     )
     print(f"report: {write_report(study, REPORTS)}")
 

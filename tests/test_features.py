@@ -27,7 +27,7 @@ def test_columns_stand_in_the_order_of_their_names(robot, trajectory):
     full = add_features(robot, trajectory)
     matrix, names = feature_matrix(full), feature_names(robot.n_joints)
     assert matrix.shape == (30, 7 * robot.n_joints)
-    assert names[:2] == ["q1", "q2"]
+    assert names[:2] == ("q1", "q2")
     assert names[-1] == "tau_gravity7"
     for column, name in zip(matrix.T, names, strict=True):
         np.testing.assert_array_equal(column, full[name[:-1]][:, int(name[-1]) - 1])

@@ -9,7 +9,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
-
 from stages.compose import compose
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -23,9 +22,8 @@ def test_params_are_the_composition_of_conf(tmp_path):
 
 def clone(folder: Path) -> Path:
     """The tracked and new files of this checkout as a repository of its own, with a small study."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, check=True
-    )
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
     for name in filter(None, listed.stdout.decode().split("\0")):
         if name == "dvc.lock" or not (ROOT / name).is_file():
             continue
@@ -48,9 +46,8 @@ def dvc(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         "GIT_COMMITTER_NAME": "test",
         "GIT_COMMITTER_EMAIL": "test@example.org",
     }
-    return subprocess.run(
-        [sys.executable, "-m", "dvc", *arguments], cwd=folder, env=environment, capture_output=True, text=True, timeout=900
-    )
+    command = [sys.executable, "-m", "dvc", *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=900)
 
 
 @pytest.fixture(scope="module")

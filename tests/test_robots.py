@@ -15,7 +15,8 @@ LINK = '<link name="{name}"><inertial><origin xyz="0 0 -0.5"/><mass value="{mass
 def pendulum(tmp_path, kind="revolute", mass=2.0, extra=""):
     limit = '<limit lower="-3" upper="3" velocity="2" effort="10"/>'
     text = f"""<robot name="pendulum"><link name="base"/>{LINK.format(name="bob", mass=mass)}{extra}
-    <joint name="hinge" type="{kind}"><parent link="base"/><child link="bob"/><axis xyz="0 1 0"/>{limit}</joint></robot>"""
+    <joint name="hinge" type="{kind}"><parent link="base"/><child link="bob"/><axis xyz="0 1 0"/>
+    {limit}</joint></robot>"""
     path = tmp_path / "pendulum.urdf"
     path.write_text(text)
     return path
@@ -101,7 +102,7 @@ def test_unusable_urdf_is_named(tmp_path, edit, message):
 
 
 def test_unknown_joint_to_lock_is_named(tmp_path):
-    with pytest.raises(InputError, match="no movable joint 'gripper'.*hinge"):
+    with pytest.raises(InputError, match=r"no movable joint 'gripper'.*hinge"):
         Robot.from_urdf(pendulum(tmp_path), lock=("gripper",))
 
 

@@ -176,7 +176,7 @@ def test_the_model_comes_back_without_pickle_and_predicts_the_same(logged: Path)
     models = [json.loads(p.read_text()) for p in (logged / "mlartifacts").rglob("serving_input_example.json")]
     assert len(models) == 2  # rigid_body and sr; the loop's model needs the robot
     folders = [path.parent for path in (logged / "mlartifacts").rglob("MLmodel")]
-    columns = feature_names(7)
+    columns = list(feature_names(7))
     example = pd.read_parquet(logged / "data" / "panda" / "features.parquet")[columns].iloc[:4]
     for folder in folders:
         loaded = mlflow.pyfunc.load_model(str(folder))

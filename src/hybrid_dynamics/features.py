@@ -27,6 +27,6 @@ def feature_matrix(trajectory: Trajectory) -> Array:
     return np.hstack([trajectory[signal] for signal in FEATURES])
 
 
-def feature_names(n_joints: int) -> list[str]:
+def feature_names(n_joints: int) -> tuple[str, ...]:
     """The 7 n column names ``q1 .. qn dq1 .. dqn ddq1 ..``, in the order of :data:`FEATURES`."""
-    return [f"{signal}{j}" for signal in FEATURES for j in range(1, n_joints + 1)]
+    return tuple(f"{signal}{j}" for signal in FEATURES for j in range(1, n_joints + 1))

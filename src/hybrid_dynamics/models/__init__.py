@@ -1,6 +1,7 @@
 """Torque models shaped like scikit-learn's: ``fit(X, y)``, ``predict(X)``, learned state in names that end in ``_``."""
 
-from hybrid_dynamics.models.base import FEATURE_GROUPS, Estimator, HybridEstimator, RigidBody, feature_names
+from hybrid_dynamics.features import feature_names
+from hybrid_dynamics.models.base import Estimator, HybridEstimator, RigidBody
 from hybrid_dynamics.models.expressions import CompiledExpressions, complexity, format_expression, parse_expression
 from hybrid_dynamics.models.methods import (
     METHODS,
@@ -20,7 +21,6 @@ from hybrid_dynamics.models.symbolic import (
 )
 
 __all__ = [
-    "FEATURE_GROUPS",
     "METHODS",
     "CompiledExpressions",
     "Estimator",

@@ -9,16 +9,9 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.features import FEATURES
 
 Array = NDArray[np.float64]
-
-#: The seven groups of columns of X, in this order, n columns each.
-FEATURE_GROUPS = ("q", "dq", "ddq", "dddq", "tau_inertia", "tau_coriolis", "tau_gravity")
-
-
-def feature_names(n_joints: int) -> tuple[str, ...]:
-    """Names of the 7n columns of X: ``q1 .. qn dq1 .. tau_gravityn``."""
-    return tuple(f"{group}{j}" for group in FEATURE_GROUPS for j in range(1, n_joints + 1))
 
 
 @runtime_checkable
@@ -40,7 +33,7 @@ def check_features(X: Array, n_joints: int | None = None) -> Array:
     columns = f"{7 * n_joints} columns (7 per joint)" if n_joints is not None else "7 columns per joint"
     wrong = X.ndim != 2 or X.shape[1] % 7 or (n_joints is not None and X.shape[1] != 7 * n_joints)
     if wrong or X.shape[1] == 0:
-        raise InputError(f"features X have shape {X.shape}; expected (samples, {columns}): {', '.join(FEATURE_GROUPS)}")
+        raise InputError(f"features X have shape {X.shape}; expected (samples, {columns}): {', '.join(FEATURES)}")
     _finite(X, "features X")
     return X
 

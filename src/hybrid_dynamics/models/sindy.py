@@ -22,7 +22,8 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.exceptions import ConvergenceWarning
 
 from hybrid_dynamics.errors import InputError, require
-from hybrid_dynamics.models.base import check_data, check_features, feature_names
+from hybrid_dynamics.features import feature_names
+from hybrid_dynamics.models.base import check_data, check_features
 
 Array = NDArray[np.float64]
 

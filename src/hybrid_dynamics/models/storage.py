@@ -18,8 +18,9 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.files import atomic_path, write_json
-from hybrid_dynamics.models.base import Estimator, HybridEstimator, RigidBody, feature_names
+from hybrid_dynamics.models.base import Estimator, HybridEstimator, RigidBody
 from hybrid_dynamics.models.expressions import canonical, format_expression, parse_expression
 from hybrid_dynamics.models.network import NetworkEstimator, NetworkSettings
 from hybrid_dynamics.models.sindy import SindyEstimator, SindySettings

@@ -22,7 +22,7 @@ def load(folder: Path) -> Any:
 
 def predict_frame(estimator: Any, frame: pd.DataFrame) -> pd.DataFrame:
     """Torque columns ``tau1 ..`` [N m] for feature columns ``q1 .. tau_gravity n`` (SI units), in any column order."""
-    features = frame[feature_names(frame.shape[1] // 7)].to_numpy(float)
+    features = frame[list(feature_names(frame.shape[1] // 7))].to_numpy(float)
     torque = estimator.predict(features)
     return pd.DataFrame(torque, columns=[f"tau{j + 1}" for j in range(torque.shape[1])], index=frame.index)
 

@@ -181,5 +181,5 @@ def _example(features: Path) -> pd.DataFrame:
     """The first rows of the features, in the order the estimators expect."""
     file = pq.ParquetFile(features)
     n_joints = sum(name.startswith("tau_gravity") for name in file.schema_arrow.names)
-    columns = feature_names(n_joints)
+    columns = list(feature_names(n_joints))
     return next(file.iter_batches(batch_size=EXAMPLE_ROWS, columns=columns)).to_pandas()[columns]

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from hybrid_dynamics.models.base import check_data, check_features, feature_names
+from hybrid_dynamics.features import feature_names
+from hybrid_dynamics.models.base import check_data, check_features
 from hybrid_dynamics.models.expressions import CompiledExpressions
 from hybrid_dynamics.models.symbolic.engines import make_engine
 from hybrid_dynamics.models.symbolic.search import symbolic_regression
