@@ -93,13 +93,18 @@ def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
         total = 0.5 * point @ a @ point - b @ point - mu * np.log(gap).sum()
         for matrix in matrices(point):
             try:
-                total -= 2 * mu * np.log(np.diag(np.linalg.cholesky(matrix))).sum()
+                diagonal = np.diag(np.linalg.cholesky(matrix))
             except np.linalg.LinAlgError:
                 return np.inf
+            if diagonal.min() < 1e-8 * diagonal.max():
+                return np.inf
+            total -= 2 * mu * np.log(diagonal).sum()
         return float(total)
 
-    mu = 1e4
-    while mu > 1e-3:
+    # Barrier weights in units of the objective (squared errors in noise floors): from far above to far below one.
+    size = float(b @ solve_free(a, b))
+    mu, last = max(1e4, 1e-2 * size), max(1e-3, 1e-9 * size)
+    while mu > last:
         for _ in range(30):
             gradient, hessian = a @ x - b, a.copy()
             gap = x[bounded] - lower
