@@ -14,11 +14,13 @@ from hybrid_dynamics.files import write_text
 from hybrid_dynamics.layout import DatasetFiles
 from hybrid_dynamics.models import (
     METHODS,
+    Factor,
     MethodSettings,
     build_estimator,
     complexity,
     estimator_expressions,
     estimator_front,
+    fit_factor,
     format_expression,
     load_estimator,
     save_estimator,
@@ -26,6 +28,8 @@ from hybrid_dynamics.models import (
 from hybrid_dynamics.models.base import Estimator
 from hybrid_dynamics.trajectory import read_trajectories
 from stages.common import dataset_files, measured, progress_bar
+
+SINDY = ("sindy", "sindy_scaled", "r_sindy", "r_sindy_scaled")
 
 
 def settings_of(params: dict) -> MethodSettings:
@@ -37,6 +41,11 @@ def settings_of(params: dict) -> MethodSettings:
 
 def train(method: str, files: DatasetFiles, settings: MethodSettings) -> Estimator:
     """Fit ``method``; what it is built on is read where another stage has trained it."""
+    if method in SINDY:
+        factor = Factor.load(files.factor)
+        print(f"{files.dataset}: train_{method}: {factor.rows} samples, {len(factor.powers)} library terms", flush=True)
+        with measured(files.timing(method)):
+            return fit_factor(method, settings, factor)
     runs = read_trajectories(files.features, split="train")
     features = np.concatenate([feature_matrix(run) for run in runs])
     torque = np.concatenate([run["tau"] for run in runs])

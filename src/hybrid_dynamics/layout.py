@@ -42,6 +42,10 @@ class DatasetFiles:
         return self.folder / "features.parquet"
 
     @property
+    def factor(self) -> Path:
+        return self.folder / "factor.safetensors"
+
+    @property
     def errors(self) -> Path:
         return self.folder / "errors.parquet"
 

@@ -10,6 +10,7 @@ import sympy as sp
 
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.models.base import Estimator, HybridEstimator, RigidBody
+from hybrid_dynamics.models.factor import Factor
 from hybrid_dynamics.models.network import NetworkEstimator, NetworkSettings
 from hybrid_dynamics.models.sindy import SindyEstimator, SindySettings
 from hybrid_dynamics.models.symbolic import SymbolicEstimator, SymbolicSettings
@@ -67,6 +68,24 @@ def build_estimator(
         return _layer(method, settings, progress)
     first = base if base is not None else build_estimator(below, settings, progress=progress)
     return HybridEstimator(first, _layer(_LAYERS[method], settings, progress), base_is_fitted=base is not None)
+
+
+def fit_factor(method: str, settings: MethodSettings, factor: Factor) -> Estimator:
+    """The fitted estimator of a SINDy ``method`` from the factor of its dataset (see :func:`factorize`)."""
+    estimator = build_estimator(method, settings)
+    if isinstance(estimator, SindyEstimator):
+        return estimator.fit_factor(factor)
+    require(
+        isinstance(estimator, HybridEstimator)
+        and isinstance(estimator.base, RigidBody)
+        and isinstance(estimator.residual, SindyEstimator),
+        f"method is {method!r}; expected a SINDy method (sindy, sindy_scaled, r_sindy, r_sindy_scaled)",
+    )
+    assert isinstance(estimator, HybridEstimator)
+    assert isinstance(estimator.residual, SindyEstimator)
+    estimator.residual.fit_factor(factor.less_rigid_body())
+    estimator.n_joints_ = factor.n_joints
+    return estimator
 
 
 def _layer(name: str, settings: MethodSettings, progress: Callable[..., Any] | None) -> Estimator:

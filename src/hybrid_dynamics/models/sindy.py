@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -24,6 +24,7 @@ from sklearn.exceptions import ConvergenceWarning
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models.base import check_data, check_features
+from hybrid_dynamics.models.factor import Factor
 
 Array = NDArray[np.float64]
 
@@ -78,6 +79,16 @@ def triangular_factor(X: Array, y: Array, library: Callable[[Array], Array], wid
     return np.ascontiguousarray(work[:columns])
 
 
+def factorize(X: Array, y: Array, settings: SindySettings) -> Factor:
+    """Reduce ``X`` (N, 7n) and ``y`` (N, n) [N m] to the factor that :meth:`SindyEstimator.fit_factor` takes."""
+    X, y = check_data(X, y)
+    library = PolynomialLibrary(degree=settings.degree).fit(np.zeros((1, X.shape[1])))
+    powers = np.asarray(library.powers_)
+    R = triangular_factor(X, y, lambda chunk: np.asarray(library.transform(chunk)), len(powers), settings.chunk_rows)
+    width = len(powers)
+    return Factor(R[:, :width], R[:, width:], len(X), powers.astype(np.int64), np.var(y, axis=0))
+
+
 class SindyEstimator(RegressorMixin, BaseEstimator):
     """Sparse polynomial torque model of all joints.
 
@@ -93,23 +104,22 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
         With ``scaled`` the target is divided by the square root of ``variance`` (n,), the variance of the whole torque
         (default: of ``y``): a coefficient of a small residual need not be as fine as the residual is small.
         """
-        X, y = check_data(X, y)
+        factor = factorize(X, y, self.settings or SindySettings())
+        return self.fit_factor(factor if variance is None else replace(factor, variance=np.asarray(variance, float)))
+
+    def fit_factor(self, factor: Factor) -> Self:
+        """Fit to data that :func:`factorize` has reduced; the same coefficients as :meth:`fit`."""
         settings = self.settings or SindySettings()
-        self.n_joints_ = y.shape[1]
+        self.n_joints_ = factor.n_joints
         self.names_ = feature_names(self.n_joints_)
-        library = self._build_library(settings.degree, X.shape[1])
-        width = len(self.powers_)
-        factor = triangular_factor(X, y, lambda chunk: np.asarray(library.transform(chunk)), width, settings.chunk_rows)
-        theta, target = factor[:, :width], factor[:, width:]
+        self._set_powers(factor.powers)
+        theta, target = factor.theta, factor.torque
+        width = theta.shape[1]
         columns, torque = np.ones(width), np.ones(self.n_joints_)
         if settings.scaled:
-            # The first column is the constant: the rows of R below the first hold what varies about the mean.
-            spread = np.linalg.norm(factor[1:], axis=0) / np.sqrt(len(X))
-            spread[spread < _SMALLEST_STD] = 1.0
-            columns, torque = spread[:width], spread[width:]
-            if variance is not None:
-                torque = np.sqrt(variance)
-                torque[torque < _SMALLEST_STD] = 1.0
+            columns, torque = factor.spread()[0], np.sqrt(factor.variance)
+            columns[columns < _SMALLEST_STD] = 1.0
+            torque[torque < _SMALLEST_STD] = 1.0
         optimizer = STLSQ(
             threshold=settings.threshold,
             alpha=settings.alpha,

@@ -1,0 +1,54 @@
+"""One factor serves every SINDy method: the same models as fits to the data itself."""
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.errors import ConfigError, InputError
+from hybrid_dynamics.features import feature_names
+from hybrid_dynamics.models import Factor, MethodSettings, build_estimator, factorize, fit_factor
+
+
+@pytest.fixture(scope="module")
+def data():
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(3000, 14))
+    names = feature_names(2)
+    rigid = X[:, [8, 9]] + X[:, [10, 11]] + X[:, [12, 13]]
+    y = rigid + 3.0 * X[:, [names.index("dq1"), names.index("dq2")]] + 0.01 * rng.normal(size=(3000, 2))
+    return X, y
+
+
+@pytest.mark.parametrize("method", ["sindy", "sindy_scaled", "r_sindy", "r_sindy_scaled"])
+def test_same_model_as_the_direct_fit(data, method):
+    X, y = data
+    settings = MethodSettings()
+    direct = build_estimator(method, settings).fit(X, y)
+    reduced = fit_factor(method, settings, factorize(X, y, settings.sindy))
+    np.testing.assert_allclose(reduced.predict(X), direct.predict(X), atol=1e-8)
+
+
+def test_residual_holds_friction_alone_and_the_torque_does_not(data):
+    X, y = data
+    factor = factorize(X, y, MethodSettings().sindy)
+    residual = fit_factor("r_sindy", MethodSettings(), factor)
+    assert [str(e.free_symbols) for e in residual.residual.expressions()] == ["{dq1}", "{dq2}"]
+    whole = fit_factor("sindy", MethodSettings(), factor)
+    assert len(whole.expressions()[0].free_symbols) == 4
+
+
+def test_factor_survives_the_disk(data, tmp_path):
+    factor = factorize(*data, MethodSettings().sindy)
+    factor.save(tmp_path / "f.safetensors")
+    back = Factor.load(tmp_path / "f.safetensors")
+    np.testing.assert_array_equal(back.theta, factor.theta)
+    assert back.rows == 3000
+
+
+def test_missing_or_damaged_file_and_wrong_method_are_named(data, tmp_path):
+    with pytest.raises(InputError, match="no such file; run the stage factorize"):
+        Factor.load(tmp_path / "none")
+    (tmp_path / "bad").write_bytes(b"12345678")
+    with pytest.raises(InputError, match="not a readable factor"):
+        Factor.load(tmp_path / "bad")
+    with pytest.raises(ConfigError, match="expected a SINDy method"):
+        fit_factor("r_nn", MethodSettings(), factorize(*data, MethodSettings().sindy))
