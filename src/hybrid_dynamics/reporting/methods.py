@@ -46,9 +46,17 @@ METHODS: tuple[Method, ...] = (
         "closed loop",
         "Rigid body + the physical effects that the loop traced, named and added.",
     ),
+    Method(
+        "true_model",
+        "true model",
+        "Twins only: the law the data was simulated with, at the same processed states. Nothing learned; no competitor.",
+    ),
 )
 _BY_NAME = {method.name: method for method in METHODS}
 _ORDER = {method.name: place for place, method in enumerate(METHODS)}
+
+#: What is no learned model: the start, and the truth of a simulated twin.
+REFERENCES = ("rigid_body", "true_model")
 
 #: Methods whose expression is the torque itself; those of the ``r_`` methods give the residual.
 TORQUE_EXPRESSIONS = ("sr", "sindy", "sindy_scaled")

@@ -12,7 +12,7 @@ from hybrid_dynamics.reporting.checks import Check
 from hybrid_dynamics.reporting.coefficients import JointTerms, table_three
 from hybrid_dynamics.reporting.expressions import to_mathml
 from hybrid_dynamics.reporting.html import Cell, details, escape, table
-from hybrid_dynamics.reporting.methods import TORQUE_EXPRESSIONS, in_order, label
+from hybrid_dynamics.reporting.methods import REFERENCES, TORQUE_EXPRESSIONS, in_order, label
 from hybrid_dynamics.reporting.results import DatasetResults
 from hybrid_dynamics.reporting.tables import format_value
 
@@ -62,7 +62,7 @@ def _error_rows(errors: pd.DataFrame, pooled: pd.Series, caption: str, reference
     methods = [str(method) for method in errors.columns]
     rows: list[list[Cell | str]] = []
     for joint, values in zip(errors.index, errors.to_numpy(), strict=True):
-        finite = [value for value in values if math.isfinite(value)]
+        finite = [v for m, v in zip(methods, values, strict=True) if math.isfinite(v) and m not in REFERENCES]
         best = min(finite) if finite else math.nan
         row: list[Cell | str] = [str(joint)]
         for method, value in zip(methods, values, strict=True):
@@ -95,7 +95,7 @@ def best_beside_rigid_body(result: DatasetResults) -> str:
         return ""
     # A joint whose torque does not vary has no relative error; it has no row here.
     errors = errors.dropna(how="all")
-    learned = errors.drop(columns="rigid_body")
+    learned = errors.drop(columns=list(REFERENCES), errors="ignore")
     rows: list[list[Cell | str]] = []
     for joint in errors.index:
         best = str(learned.loc[joint].idxmin())

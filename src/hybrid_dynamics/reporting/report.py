@@ -14,7 +14,7 @@ from hybrid_dynamics.reporting.arm import render_arm
 from hybrid_dynamics.reporting.checks import Check, checks
 from hybrid_dynamics.reporting.coefficients import damping_of
 from hybrid_dynamics.reporting.html import Heading, escape
-from hybrid_dynamics.reporting.methods import in_order, label, what
+from hybrid_dynamics.reporting.methods import REFERENCES, in_order, label, what
 from hybrid_dynamics.reporting.results import DatasetResults, Section, StudyInputs, read_csv, read_study
 from hybrid_dynamics.reporting.tables import timing_table, write_tables
 from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN, Trajectory, iter_trajectories
@@ -160,7 +160,7 @@ def _best(result: DatasetResults) -> str:
     """The learned method with the smallest pooled error on the held-out runs (training runs where none is held out)."""
     split = "test" if result.trajectories("test") else "train"
     pooled = result.pooled(split, "relative_error").iloc[0]
-    learned = pooled.drop("rigid_body", errors="ignore")
+    learned = pooled.drop(list(REFERENCES), errors="ignore")
     return str((learned if len(learned) else pooled).idxmin())
 
 
