@@ -49,7 +49,7 @@ METHODS: tuple[Method, ...] = (
     Method(
         "true_model",
         "true model",
-        "Twins only: the law the data was simulated with, at the same processed states. Nothing learned; no competitor.",
+        "Twins only: the law the data was simulated with, at the same processed states; no competitor.",
     ),
 )
 _BY_NAME = {method.name: method for method in METHODS}
