@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Effect, Slot
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.loop.trace import Candidate, Judge, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Judge, rank, same_place
 
 Array = NDArray[np.float64]
+
+#: Families whose sign(dq) has a width.
+WIDTHS = ("coulomb_friction", "load_dependent_friction")
 
 
 @dataclass(frozen=True)
@@ -115,17 +118,52 @@ def search(
 def _settings(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
     """Choose again among the settings of each effect (the width of a sign, say)."""
     best = list(current)
-    score = float(judge.score(judge.evidence.held_out(best)).sum())
+    pressed = judge.evidence.constrained(current)
+    score = float(judge.score(judge.evidence.held_out(best, pressed)).sum())
     for i, slot in enumerate(current):
         if ONLY_RUN in dict(slot.settings):
             continue
         for other in candidates:
             if other != slot and same_place(other, slot):
                 trial = [*best[:i], other, *best[i + 1 :]]
-                value = float(judge.score(judge.evidence.held_out(trial)).sum())
+                value = float(judge.score(judge.evidence.held_out(trial, pressed)).sum())
                 if value < score:
                     best, score = trial, value
     return best
+
+
+def choose_widths(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
+    """Friction with the sign width per joint that predicts standing rows best, where moving rows leave it open.
+
+    What a joint does below the slow speed has no say in what is named; but of two widths that are as good above it the
+    one is kept that is also right below.
+    """
+    evidence = judge.evidence
+    best = list(current)
+    widths = sorted({s.settings for s in candidates if _has_width(s)})
+    for joint in sorted({s.index for s in current if _has_width(s)}):
+        own = [i for i, s in enumerate(best) if s.joint == joint and _has_width(s)]
+        reference = evidence.held_out(best)
+        error = evidence.held_out_all_rows(best, joint)
+        start = list(best)
+        for settings in widths:
+            trial = [replace(s, settings=settings) if i in own else s for i, s in enumerate(start)]
+            if trial == start or any(s not in candidates for i, s in enumerate(trial) if i in own):
+                continue
+            errors = evidence.held_out(trial)
+            difference = judge.score(errors) - judge.score(reference)
+            growth = judge.mean_square(errors) - judge.mean_square(reference)
+            certain = float(difference.sum()) > judge.standard_error(difference)
+            if certain and np.any(growth > judge.settings.floor_share * judge.floor**2):
+                continue
+            value = evidence.held_out_all_rows(trial, joint)
+            if value < error:
+                best, error = trial, value
+    return best
+
+
+def _has_width(slot: Slot) -> bool:
+    return slot.effect in WIDTHS and ONLY_RUN not in dict(slot.settings)
 
 
 def _useless(judge: Judge, current: Sequence[Slot]) -> Slot | None:
@@ -133,18 +171,18 @@ def _useless(judge: Judge, current: Sequence[Slot]) -> Slot | None:
     if len(current) < 2:
         return None
     evidence, settings = judge.evidence, judge.settings
-    full = evidence.held_out(current)
+    pressed = evidence.constrained(current)
+    full = evidence.held_out(current, pressed)
     worst: tuple[float, Slot] | None = None
     for slot in current:
         rest = [s for s in current if s != slot]
-        errors = evidence.held_out(rest)
+        errors = evidence.held_out(rest, pressed or evidence.constrained(rest))
         difference = judge.score(errors) - judge.score(full)
         loss = float(difference.sum())
         joint_loss = judge.mean_square(errors) - judge.mean_square(full)
-        certain = loss > judge.standard_error(difference)
-        if (not certain or not judge.matters(slot, joint_loss, settings.keep_share)) and (
-            worst is None or loss < worst[0]
-        ):
+        error = judge.standard_error(difference)
+        needed = loss > error and judge.matters(slot, joint_loss, settings.keep_share, loss > DECISIVE * error)
+        if not needed and (worst is None or loss < worst[0]):
             worst = (loss, slot)
     return None if worst is None else worst[1]
 
@@ -152,9 +190,13 @@ def _useless(judge: Judge, current: Sequence[Slot]) -> Slot | None:
 def _replace(
     judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Array, seen: set[frozenset[Slot]]
 ) -> list[Slot] | None:
-    """One or two effects replaced by another candidate: surely better, or as good and simpler."""
+    """One or two effects replaced by another candidate: surely better, or as good and simpler.
+
+    Trials are screened without the constraints of bodies; what passes is judged with them.
+    """
     evidence = judge.evidence
-    base = judge.score(before)
+    free = judge.score(evidence.held_out(current))
+    physical = judge.score(before)
     groups: list[tuple[Slot, ...]] = [(s,) for s in current]
     if len(current) <= 8:
         groups += [(a, b) for i, a in enumerate(current) for b in current[i + 1 :]]
@@ -163,24 +205,24 @@ def _replace(
         rest = [s for s in current if s not in group]
         size = sum(s.family().size for s in group)
         for slot in candidates:
-            if any(same_place(slot, s) for s in current):
-                continue
             trial = [*rest, slot]
-            if frozenset(trial) in seen:
+            if any(same_place(slot, s) for s in current) or frozenset(trial) in seen:
                 continue
-            errors = evidence.held_out(trial)
-            difference = judge.score(errors) - base
-            loss, error = float(difference.sum()), judge.standard_error(difference)
             simpler = slot.family().size < size
-            if loss < -judge.settings.gain_in_errors * error or (simpler and loss <= error):
-                if slot.family().inertial_offset(evidence.robot, slot) is not None:
-                    difference = judge.score(evidence.held_out(trial, physical=True)) - base
-                    loss, error = float(difference.sum()), judge.standard_error(difference)
-                    if not (loss < -judge.settings.gain_in_errors * error or (simpler and loss <= error)):
-                        continue
-                if best is None or loss < best[0]:
-                    best = (loss, trial)
+            difference = judge.score(evidence.held_out(trial)) - free
+            if not _better(judge, difference, simpler):
+                continue
+            difference = judge.score(evidence.held_out(trial, physical=True)) - physical
+            loss = float(difference.sum())
+            if _better(judge, difference, simpler) and (best is None or loss < best[0]):
+                best = (loss, trial)
     return None if best is None else best[1]
+
+
+def _better(judge: Judge, difference: Array, simpler: bool) -> bool:
+    """Whether block-wise ``difference`` of scores (new less old) speaks for the new."""
+    loss, error = float(difference.sum()), judge.standard_error(difference)
+    return loss < -judge.settings.gain_in_errors * error or (simpler and loss <= error)
 
 
 def model_of(evidence: Evidence, slots: Sequence[Slot]) -> Model:

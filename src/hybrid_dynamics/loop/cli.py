@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from omegaconf import OmegaConf
@@ -16,9 +17,10 @@ from omegaconf.errors import OmegaConfBaseException
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from yaml import YAMLError
 
 from hybrid_dynamics.errors import ConfigError, InputError
-from hybrid_dynamics.files import atomic_path
+from hybrid_dynamics.files import atomic_path, check_folder, check_target
 from hybrid_dynamics.loop.close import LoopResult, close_loop
 from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.loop.output import write_result
@@ -28,13 +30,18 @@ from hybrid_dynamics.readers.log import read_pieces
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
+LOG_HELP = (
+    "A LOG is CSV or Parquet with the header time,q1..qn[,dq1..dqn],tau1..taun (SI units; joints in the order of the "
+    "URDF; torque is what the drive delivers, positive along the joint axis), or a ROS bag or MCAP with JointState."
+)
+
 
 def add_parsers(subparsers: Any) -> None:
     """Add the two subcommands; each sets ``run``."""
     close = subparsers.add_parser(
         "close-loop",
         help="name the physical effects a robot model lacks, add them, report before and after",
-        description="Trace what the model lacks on the training logs, add it, prove it on the test logs.",
+        description="Trace what the model lacks on the training logs, add it, prove it on the test logs. " + LOG_HELP,
     )
     close.add_argument("--robot", required=True, type=Path, help="URDF of the robot")
     close.add_argument("--train", required=True, nargs="+", type=Path, metavar="LOG", help="logs to learn from")
@@ -57,7 +64,8 @@ def add_parsers(subparsers: Any) -> None:
     predict = subparsers.add_parser(
         "predict",
         help="torque that a completed model predicts for a log",
-        description="Predict drive torque at the instants of a log, at the bandwidth the loop works with.",
+        description="Predict drive torque along the motion of a log (its torque columns are not needed), at the bandwidth "
+        "the loop works with. " + LOG_HELP,
     )
     predict.add_argument("--model", required=True, type=Path, help="model.json written by close-loop")
     predict.add_argument("--robot", required=True, type=Path, help="URDF of the robot")
@@ -75,6 +83,8 @@ def settings_from(pairs: Sequence[str]) -> LoopSettings:
         if not sign:
             raise ConfigError(f"--set {pair}: expected NAME=VALUE")
         values[name] = _value(name, text)
+    if "process" in values:
+        raise ConfigError("--set process: is a group; set one value of it, such as process.cutoff=25")
     own = {k: v for k, v in values.items() if not k.startswith("process.")}
     process_values = {k.removeprefix("process."): v for k, v in values.items() if k.startswith("process.")}
     process_settings = _typed(ProcessSettings, process_values)
@@ -84,8 +94,9 @@ def settings_from(pairs: Sequence[str]) -> LoopSettings:
 def _value(name: str, text: str) -> Any:
     try:
         value = OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))
-    except OmegaConfBaseException as error:
-        raise ConfigError(f"--set {name}={text}: cannot be read ({error})") from None
+    except (OmegaConfBaseException, YAMLError) as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigError(f"--set {name}={text}: cannot be read ({reason}); expected such as 1 or [0, 1]") from None
     assert isinstance(value, dict)
     return value["value"]
 
@@ -93,7 +104,7 @@ def _value(name: str, text: str) -> Any:
 def _typed(cls: type, values: dict[str, Any]) -> Any:
     defaults = cls()
     for name, value in values.items():
-        if not hasattr(defaults, name):
+        if name not in vars(defaults):
             known = ", ".join(k for k in vars(defaults) if k != "process")
             raise ConfigError(f"setting {name!r} is unknown; known are {known}")
         default = getattr(defaults, name)
@@ -119,14 +130,18 @@ def run_close_loop(args: argparse.Namespace) -> int:
     console = Console(stderr=True)
     settings = settings_from(args.set)
     robot = Robot.from_urdf(args.robot, tuple(args.lock))
-    if args.out.exists() and not args.out.is_dir():
-        raise InputError(f"{args.out}: is a file; give a folder for the results")
+    check_folder(args.out)
+    if args.model:
+        check_target(args.out / "model.json", [args.model])
+    for log in args.test:
+        if log.exists() and any(other.exists() and log.samefile(other) for other in args.train):
+            raise InputError(f"{log}: is given to --train and to --test; held-out logs must not be learnt from")
     start = load_model(args.model, robot) if args.model else None
     notices: list[str] = []
     train = _read(args.train, robot, "train", notices)
     test = _read(args.test, robot, "test", notices)
     for notice in notices:
-        console.print(f"note: {notice}", style="yellow", highlight=False, markup=False)
+        console.print(f"note: {notice}", style="yellow", highlight=False, markup=False, soft_wrap=True)
     with _progress(console) as tell:
         result = close_loop(robot, train, test, settings, start, tell)
         tell("writing the report", 1.0)
@@ -138,11 +153,15 @@ def run_close_loop(args: argparse.Namespace) -> int:
 def run_predict(args: argparse.Namespace) -> int:
     """The ``predict`` command: time and torque at the instants the processed log keeps."""
     robot = Robot.from_urdf(args.robot, tuple(args.lock))
+    if args.out.suffix.lower() not in (".parquet", ".pq"):
+        raise InputError(f"{args.out}: expected a file name that ends in .parquet")
+    check_target(args.out, [args.data])
     model = load_model(args.model, robot)
     notices: list[str] = []
     columns: dict[str, list[Any]] = {"time": []} | {f"tau{j + 1}": [] for j in range(robot.n_joints)}
-    for piece in _read([args.data], robot, "test", notices):
-        run = process(piece, robot, ProcessSettings())
+    for piece in _read([args.data], robot, "test", notices, torque=False):
+        # Only the motion is used; `process` passes measured torque through the same filter, so it gets zeros.
+        run = process(piece.with_signals(tau=np.zeros_like(piece["q"])), robot, ProcessSettings())
         motion = run.motion
         tau = run.smooth(model.predict(motion.q, motion.dq, motion.ddq, motion.time))
         columns["time"].extend(run.time)
@@ -158,13 +177,13 @@ def run_predict(args: argparse.Namespace) -> int:
     return 0
 
 
-def _read(paths: Sequence[Path], robot: Robot, split: str, notices: list[str]) -> list[Trajectory]:
+def _read(paths: Sequence[Path], robot: Robot, split: str, notices: list[str], torque: bool = True) -> list[Trajectory]:
     """All logs; a log with long gaps gives several runs. Names are file names, made distinct where they repeat."""
     out: list[Trajectory] = []
     stems = [p.stem for p in paths]
     for path in paths:
         name = path.stem if stems.count(path.stem) == 1 else str(path)
-        out += read_pieces(path, robot.joint_names, f"{split}:{name}", split, notify=notices.append)
+        out += read_pieces(path, robot.joint_names, f"{split}:{name}", split, notify=notices.append, torque=torque)
     return out
 
 
@@ -196,5 +215,5 @@ def _summary(console: Console, result: LoopResult, out: Path) -> None:
         table.add_row(name, f"{a:.4g}", f"{b:.4g}", f"{f:.4g}")
     console.print(table)
     for note in diagnosis["notes"]:
-        console.print(f"note: {note}", highlight=False, markup=False)
-    console.print(f"report: {out / 'report.html'}", highlight=False, markup=False)
+        console.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
+    console.print(f"report: {out / 'report.html'}", highlight=False, markup=False, soft_wrap=True)

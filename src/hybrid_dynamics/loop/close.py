@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hybrid_dynamics.effects import Slot, family
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop.augment import Step, effects_of, model_of, refit, search
+from hybrid_dynamics.loop.augment import Step, choose_widths, effects_of, model_of, refit, search
 from hybrid_dynamics.loop.checks import check_logs, check_torque
 from hybrid_dynamics.loop.diagnosis import errors_of, moving_rms, rounded, validate_diagnosis, verdict_of
 from hybrid_dynamics.loop.evidence import Evidence
@@ -127,7 +127,7 @@ def _close(
         chosen, x = pool(judge, torn)
         held = np.sqrt(judge.mean_square(evidence.held_out(torn, physical=True)))
     else:
-        chosen = _drop_guesses(judge, list(steps[-1].slots))
+        chosen = choose_widths(judge, _drop_guesses(judge, list(steps[-1].slots)), slots)
         x = refit(evidence, chosen)
         held = np.sqrt(judge.mean_square(evidence.held_out(chosen, physical=True)))
     # The rich model bends less to a residual from which the named effects are already gone.

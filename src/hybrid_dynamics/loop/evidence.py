@@ -298,6 +298,24 @@ class Evidence:
             out[self._fold_blocks[f]] = self._errors(indices, x, self._own_gram[f])
         return out
 
+    def constrained(self, slots: Sequence[Slot]) -> bool:
+        """True where the unconstrained fit of ``slots`` asks for a body that cannot exist."""
+        constraints = self.constraints(self.layout(slots))
+        if not constraints.bodies:
+            return False
+        x = self.fit(slots, physical=False)
+        return not constraints.satisfied(np.maximum(x, constraints.lower))
+
+    def held_out_all_rows(self, slots: Sequence[Slot], joint: int) -> float:
+        """Held-out squared residual sum [N m]^2 of ``joint`` over all rows, standing ones too; fits see moving ones."""
+        total = 0.0
+        for f in range(self.folds):
+            torque = self.linear(slots, self.fit(slots, self.fold_gram[f]))
+            for b in self._fold_blocks[f]:
+                r, (low, high) = self.block_run[b], self.block_rows[b]
+                total += float(np.sum((self.target[r][low:high, joint] - torque[r][low:high, joint]) ** 2))
+        return total
+
     def covariance(self, slots: Sequence[Slot], x: Array) -> Array:
         """Covariance of ``x`` by the block sandwich: autocorrelation inside a block is respected.
 

@@ -25,7 +25,7 @@ def indistinguishable(
     """For every slot of the model the candidates that would explain as much in its place, with reason and remedy."""
     evidence = judge.evidence
     names = evidence.robot.joint_names
-    full = evidence.held_out(slots)
+    full = evidence.held_out(slots, evidence.constrained(slots))
     x = evidence.fit(slots)
     layout = evidence.layout(slots)
     out: dict[Slot, list[dict[str, Any]]] = {}
@@ -33,10 +33,15 @@ def indistinguishable(
         own = x[start : start + slot.family().size]
         found: dict[tuple[str, int | None], tuple[float, dict[str, Any]]] = {}
         rest = [s for s in slots if s != slot]
+        pressed = evidence.constrained(rest)
+        tried: set[tuple[str, int | None]] = set()
         for other in candidates:
             if any(same_place(other, s) for s in slots):
                 continue
-            errors = evidence.held_out([*rest, other])
+            if pressed and (other.effect, other.joint) in tried:
+                continue
+            tried.add((other.effect, other.joint))
+            errors = evidence.held_out([*rest, other], pressed)
             difference = judge.score(errors) - judge.score(full)
             loss, error = float(difference.sum()), judge.standard_error(difference)
             growth = judge.mean_square(errors) / np.maximum(judge.mean_square(full), 1e-300) - 1

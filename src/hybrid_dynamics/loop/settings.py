@@ -14,7 +14,7 @@ from hybrid_dynamics.loop.process import ProcessSettings
 class LoopSettings:
     """``effects``: families that may be named (all registered ones where empty). ``sign_widths`` [rad/s] of friction.
 
-    An effect must gain ``gain_in_errors`` standard errors on held-out blocks of ``block`` [s], lower the mean square
+    An effect must gain ``gain_in_errors`` standard errors on held-out blocks of ``block`` [s] (a body more), lower the mean square
     residual of a joint by ``floor_share`` squared noise floors and by ``torque_share`` of the variance of the measured
     torque. It is dropped again below ``keep_share`` squared floors. A single training run is validated on
     ``time_folds`` parts of it. A joint counts as explained when its held-out error exceeds the floor by at most
@@ -25,7 +25,7 @@ class LoopSettings:
     """
 
     effects: tuple[str, ...] = ()
-    sign_widths: tuple[float, ...] = (0.0, 0.03, 0.08)
+    sign_widths: tuple[float, ...] = (0.0, 0.01, 0.03, 0.08)
     block: float = 2.0
     time_folds: int = 4
     gain_in_errors: float = 2.0

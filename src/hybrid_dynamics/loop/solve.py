@@ -112,9 +112,10 @@ def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
             hessian[bounded, bounded] += mu / gap**2
             for (i, _offset), matrix in zip(constraints.bodies, matrices(x), strict=True):
                 inverse = np.linalg.inv(matrix)
-                products = np.einsum("ij,kjl->kil", inverse, _BASIS)
-                gradient[i : i + 10] -= mu * np.einsum("kii->k", products)
-                hessian[i : i + 10, i : i + 10] += mu * np.einsum("kij,lji->kl", products, products)
+                products = inverse @ _BASIS
+                gradient[i : i + 10] -= mu * np.trace(products, axis1=1, axis2=2)
+                turned = products.transpose(0, 2, 1).reshape(10, 16)
+                hessian[i : i + 10, i : i + 10] += mu * products.reshape(10, 16) @ turned.T
             step = -solve_free(hessian, gradient)
             decrement = -float(gradient @ step)
             if decrement < 1e-6 * mu:

@@ -36,6 +36,10 @@ class Candidate:
     reason: str
 
 
+#: A gain of this many standard errors is no accident, wherever it shows.
+DECISIVE = 3.0
+
+
 def same_place(a: Slot, b: Slot) -> bool:
     """True where two slots are the same effect on the same joint, whatever their settings."""
     return a.effect == b.effect and a.joint == b.joint
@@ -68,29 +72,35 @@ class Judge:
             return 1
         return max(min(2, int((self.evidence.samples >= 20).sum())), 1)
 
-    def matters(self, slot: Slot, joint_gain: Array, share: float) -> bool:
+    def matters(self, slot: Slot, joint_gain: Array, share: float, decisive: bool = False) -> bool:
         """True where the gain (n,) [N m]^2 is of practical size on enough of the joints on which the effect acts.
 
-        A gain elsewhere comes from what the effect allows the others to do: then it is a proxy.
+        A gain elsewhere comes from what the effect allows the others to do: a proxy, unless it is ``decisive``.
         """
         bar = np.maximum(share * self.floor**2, self.settings.torque_share * self.torque_variance)
-        return int(np.sum((joint_gain > bar) & self.evidence.acts(slot))) >= self.needed(slot)
+        counted = np.ones(self.evidence.n, bool) if decisive else self.evidence.acts(slot)
+        return int(np.sum((joint_gain > bar) & counted)) >= self.needed(slot)
 
 
 def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Array) -> list[Candidate]:
     """Evidence table of one step, best first. ``before`` (blocks, n): held-out errors of the current slots.
 
     The fit of inertial candidates is first unconstrained; those that come out on top are judged again with their
-    inertia held physical, so that an impossible body never wins.
+    inertia held physical, so that an impossible body never wins. Where the current model already wants an impossible
+    body, that alone would make every candidate look good: then all are held physical.
     """
     evidence, settings = judge.evidence, judge.settings
     total = float(evidence.samples[evidence.samples >= 20].sum()) or 1.0
     score_before = judge.score(before)
+    pressed = evidence.constrained(current)
     held: dict[Slot, Array] = {}
     for slot in candidates:
-        if not any(same_place(slot, other) for other in current):
-            held[slot] = evidence.held_out([*current, slot])
-    settled: set[Slot] = {s for s in held if s.family().inertial_offset(evidence.robot, s) is None}
+        if any(same_place(slot, other) for other in current):
+            continue
+        if pressed and any(same_place(slot, other) for other in held):
+            continue  # its width is chosen afterwards
+        held[slot] = evidence.held_out([*current, slot], physical=pressed)
+    settled: set[Slot] = {s for s in held if pressed or s.family().inertial_offset(evidence.robot, s) is None}
     order: list[Slot] = []
     while True:
         order = sorted(held, key=lambda s: (float(judge.score(held[s]).sum()), s.family().size, _key(s)))
@@ -114,8 +124,10 @@ def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], befo
         difference = score_before - judge.score(held[slot])
         gain, error = float(difference.sum()), judge.standard_error(difference)
         joint_gain = judge.mean_square(before) - judge.mean_square(held[slot])
-        certain = gain > settings.gain_in_errors * error and gain > 0
-        matters = judge.matters(slot, joint_gain, settings.floor_share)
+        # Ten free numbers find something in any few runs: a body must be surer.
+        sureness = settings.gain_in_errors * (1.5 if slot.family().size == 10 else 1.0)
+        certain = gain > sureness * error and gain > 0
+        matters = judge.matters(slot, joint_gain, settings.floor_share, gain > DECISIVE * error)
         accepted = certain and matters
         reason = "accepted" if accepted else ("too small to matter" if certain else "within uncertainty")
         table.append(
