@@ -5,7 +5,15 @@ import pytest
 
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.features import feature_names
-from hybrid_dynamics.models import Factor, MethodSettings, build_estimator, factorize, fit_factor
+from hybrid_dynamics.models import (
+    Factor,
+    MethodSettings,
+    build_estimator,
+    factorize,
+    fit_factor,
+    load_estimator,
+    save_estimator,
+)
 
 
 @pytest.fixture(scope="module")
@@ -19,12 +27,14 @@ def data():
 
 
 @pytest.mark.parametrize("method", ["sindy", "sindy_scaled", "r_sindy", "r_sindy_scaled"])
-def test_same_model_as_the_direct_fit(data, method):
+def test_same_model_as_the_direct_fit(data, method, tmp_path):
     X, y = data
     settings = MethodSettings()
     direct = build_estimator(method, settings).fit(X, y)
     reduced = fit_factor(method, settings, factorize(X, y, settings.sindy))
     np.testing.assert_allclose(reduced.predict(X), direct.predict(X), atol=1e-8)
+    save_estimator(reduced, tmp_path)
+    np.testing.assert_array_equal(load_estimator(tmp_path).predict(X), reduced.predict(X))
 
 
 def test_residual_holds_friction_alone_and_the_torque_does_not(data):

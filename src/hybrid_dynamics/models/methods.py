@@ -82,9 +82,10 @@ def fit_factor(method: str, settings: MethodSettings, factor: Factor) -> Estimat
         f"method is {method!r}; expected a SINDy method (sindy, sindy_scaled, r_sindy, r_sindy_scaled)",
     )
     assert isinstance(estimator, HybridEstimator)
+    assert isinstance(estimator.base, RigidBody)
     assert isinstance(estimator.residual, SindyEstimator)
     estimator.residual.fit_factor(factor.less_rigid_body())
-    estimator.n_joints_ = factor.n_joints
+    estimator.base.n_joints_ = estimator.n_joints_ = factor.n_joints
     return estimator
 
 
