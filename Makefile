@@ -45,8 +45,8 @@ lint: venv
 	@mypy
 
 test: lint
-	@echo "== tests"
-	@pytest
+	@echo "== tests (two workers; the pass through the whole pipeline takes a few minutes)"
+	@pytest -n 2 --dist loadfile
 
 params: venv
 	@python -m stages.compose $(ARGS)
