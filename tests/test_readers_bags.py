@@ -364,7 +364,7 @@ def test_import_never_destroys_a_file(tmp_path: Path, robot: Robot) -> None:
     bag = write_mcap(tmp_path, recording())
     import_log(robot, bag, tmp_path / "log.parquet")
     before = (tmp_path / "log.parquet").read_bytes()
-    with pytest.raises(InputError, match="is the log itself"):
+    with pytest.raises(InputError, match="is an input and would be overwritten"):
         import_log(robot, tmp_path / "log.parquet", tmp_path / "log.parquet")
     with pytest.raises(InputError, match=r"ends in \.parquet"):
         import_log(robot, bag, tmp_path / "log.csv")

@@ -1,4 +1,8 @@
-"""The command line ``hybrid-dynamics``: close-loop, predict and import, on a URDF and log files, without DVC."""
+"""The command line ``hybrid-dynamics``: close-loop, predict and import, on a URDF and log files, without DVC.
+
+The subcommands are imported when the program runs: loading the libraries takes seconds, and Ctrl-C during them is an
+interruption like any other.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +10,9 @@ import argparse
 import sys
 
 from hybrid_dynamics.errors import run_main
-from hybrid_dynamics.loop import cli as loop_cli
-from hybrid_dynamics.readers import cli as readers_cli
+
+DESCRIPTION = "Say what a robot's model lacks and add it, on a URDF and log files."
+EXIT_CODES = "Exit codes: 0 done, 1 failed, 2 unusable input or no verdict possible, 130 interrupted."
 
 
 class _Parser(argparse.ArgumentParser):
@@ -20,7 +25,10 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all subcommands; each sets ``run``, a function of the parsed arguments."""
-    parser = _Parser(prog="hybrid-dynamics", description=__doc__)
+    from hybrid_dynamics.loop import cli as loop_cli
+    from hybrid_dynamics.readers import cli as readers_cli
+
+    parser = _Parser(prog="hybrid-dynamics", description=DESCRIPTION, epilog=EXIT_CODES)
     subparsers = parser.add_subparsers(dest="command", required=True, parser_class=_Parser)
     loop_cli.add_parsers(subparsers)
     readers_cli.add_parser(subparsers)
@@ -29,5 +37,9 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of the ``hybrid-dynamics`` program."""
-    parsed = build_parser().parse_args(arguments)
-    run_main(lambda: parsed.run(parsed))
+
+    def run() -> int:
+        parsed = build_parser().parse_args(arguments)
+        return int(parsed.run(parsed))
+
+    run_main(run)

@@ -42,6 +42,11 @@ def run_main(main: Callable[[], int | None]) -> None:
     except HybridDynamicsError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         code = error.exit_code
+    except OSError as error:
+        if error.filename is None:
+            raise
+        print(f"error: {error.filename}: {error.strerror}; give another path, or mend this one", file=sys.stderr)
+        code = InputError.exit_code
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         code = 130

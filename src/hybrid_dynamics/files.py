@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from hybrid_dynamics.errors import InputError
 
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path beside ``path``; rename it on success, remove it on any error."""
     target = Path(path)
+    check_target(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     # The suffix stays last: matplotlib and others choose the format by it.
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.tmp{target.suffix}")
@@ -22,6 +25,32 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_target(path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> None:
+    """Raise :class:`InputError` where no file can be written to ``path``, or where it is one of ``inputs``.
+
+    Meant to be asked before long work as well; nothing is created.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; give a file name for the output")
+    check_folder(target.parent)
+    for other in inputs:
+        if target.exists() and Path(other).exists() and target.samefile(other):
+            raise InputError(f"{target}: is an input and would be overwritten; give another name for the output")
+
+
+def check_folder(path: str | os.PathLike[str]) -> None:
+    """Raise :class:`InputError` where ``path`` is no folder and cannot become one."""
+    folder = Path(path)
+    for place in (folder, *folder.parents):
+        if place.is_dir():
+            if not os.access(place, os.W_OK | os.X_OK):
+                raise InputError(f"{place}: not writable; give another folder for the output")
+            return
+        if place.exists() or place.is_symlink():
+            raise InputError(f"{place}: is a file; give a folder for the results")
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

@@ -64,8 +64,8 @@ def add_parsers(subparsers: Any) -> None:
     predict = subparsers.add_parser(
         "predict",
         help="torque that a completed model predicts for a log",
-        description="Predict drive torque along the motion of a log (its torque columns are not needed), at the bandwidth "
-        "the loop works with. " + LOG_HELP,
+        description="Predict drive torque along the motion of a log (its torque columns are not needed), at the "
+        "bandwidth the loop works with. " + LOG_HELP,
     )
     predict.add_argument("--model", required=True, type=Path, help="model.json written by close-loop")
     predict.add_argument("--robot", required=True, type=Path, help="URDF of the robot")
@@ -189,6 +189,18 @@ def _read(paths: Sequence[Path], robot: Robot, split: str, notices: list[str], t
 
 @contextmanager
 def _progress(console: Console) -> Iterator[Callable[[str, float], None]]:
+    """Yield ``tell(stage, share)``: a bar on a terminal, a line a stage elsewhere (logs, CI)."""
+    if not console.is_terminal:
+        said = ""
+
+        def line(stage: str, share: float) -> None:
+            nonlocal said
+            if stage != said:
+                said = stage
+                console.print(f"{share:4.0%} {stage}", highlight=False, markup=False, soft_wrap=True)
+
+        yield line
+        return
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -46,11 +46,13 @@ def read_bag(
     split: str = "train",
     topic: str | None = None,
     notify: Notify | None = None,
+    torque: bool = True,
 ) -> Trajectory:
     """The joint states of one bag as ``q [dq] tau`` in the order of ``joint_names``, stamps as recorded, from zero.
 
-    ``topic`` chooses among several JointState topics. Velocity is kept where every message has it. Raises
-    :class:`InputError` for a bag that is damaged, has no such topic, lacks a joint or has no effort.
+    ``topic`` chooses among several JointState topics. Velocity is kept where every message has it. Without ``torque``
+    effort is neither needed nor read. Raises :class:`InputError` for a bag that is damaged, has no such topic, lacks a
+    joint or has no effort.
     """
     file = Path(path)
     tell = notify or (lambda message: None)
@@ -69,11 +71,10 @@ def read_bag(
         messages = list(_messages(file, chosen))
     if not messages:
         raise InputError(f"{file}: topic {chosen} holds no message; record while the robot moves")
-    states = _states(file, chosen, messages, joint_names, name, tell)
+    states = _states(file, chosen, messages, joint_names, name, tell, torque)
     stamps, order = _order(states.stamps, states.log_times, name, tell)
-    arrays = {"q": states.q[order], "tau": states.tau[order]}
-    if states.dq is not None:
-        arrays = {"q": arrays["q"], "dq": states.dq[order], "tau": arrays["tau"]}
+    signals = {"q": states.q, "dq": states.dq, "tau": states.tau}
+    arrays = {signal: values[order] for signal, values in signals.items() if values is not None}
     for signal, values in arrays.items():
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
@@ -154,11 +155,11 @@ class _States:
     log_times: NDArray[np.int64]
     q: Array
     dq: Array | None
-    tau: Array
+    tau: Array | None
 
 
 def _states(
-    file: Path, topic: str, messages: list[_Message], joint_names: Sequence[str], name: str, tell: Notify
+    file: Path, topic: str, messages: list[_Message], joint_names: Sequence[str], name: str, tell: Notify, torque: bool
 ) -> _States:
     """Rows of the messages that hold all joints, columns in the order of ``joint_names``."""
     layouts: dict[tuple[str, ...], list[int] | None] = {}
@@ -194,10 +195,10 @@ def _states(
                 )
         return np.array([[value[c] for c in columns] for (_, columns), value in zip(rows, values, strict=True)], float)
 
-    q, dq, tau = gather("position"), gather("velocity"), gather("effort")
+    q, dq, tau = gather("position"), gather("velocity"), gather("effort") if torque else None
     if q is None:
         raise InputError(f"{file}: topic {topic}: position is empty; expected the joint positions [rad]")
-    if tau is None:
+    if torque and tau is None:
         raise InputError(
             f"{file}: topic {topic}: effort is empty; expected the joint torques [N m]: enable effort in the driver"
         )

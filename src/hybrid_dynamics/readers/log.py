@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.files import check_target
 from hybrid_dynamics.readers.bags import BAG_SUFFIXES, read_bag
 from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample
 from hybrid_dynamics.readers.table import read_raw_table, write_log
@@ -22,21 +23,27 @@ def read_raw(
     topic: str | None = None,
     settings: ResampleSettings | None = None,
     notify: Notify | None = None,
+    torque: bool = True,
 ) -> Trajectory:
-    """A checked log (CSV, Parquet, bag, MCAP, bag folder) with its own time stamps. Raises :class:`InputError`."""
+    """A checked log (CSV, Parquet, bag, MCAP, bag folder) with its own time stamps. Raises :class:`InputError`.
+
+    Without ``torque`` a log needs none, and none is read.
+    """
     file = Path(path)
     settings = settings or ResampleSettings()
     if not file.exists():
         raise InputError(f"{file}: no such file; give the path of a log (CSV, Parquet, bag or MCAP)")
     if file.is_dir() or file.suffix.lower() in BAG_SUFFIXES:
-        trajectory = read_bag(file, joint_names, name, split, topic, notify)
+        trajectory = read_bag(file, joint_names, name, split, topic, notify, torque)
         if len(trajectory.time) < settings.min_rows:
             raise InputError(
                 f"{file}: {len(trajectory.time)} joint states; expected at least {settings.min_rows}: "
                 "record a longer run"
             )
         return trajectory
-    return read_raw_table(file, joint_names, name, split, settings, notify)
+    if topic is not None:
+        raise InputError(f"{file}: a table has no topics; leave out --topic {topic}, or give a bag")
+    return read_raw_table(file, joint_names, name, split, settings, notify, torque)
 
 
 def read_pieces(
@@ -47,9 +54,13 @@ def read_pieces(
     topic: str | None = None,
     settings: ResampleSettings | None = None,
     notify: Notify | None = None,
+    torque: bool = True,
 ) -> list[Trajectory]:
-    """A log as ``q [dq] tau`` on a uniform grid; more than one part where a gap is too long to interpolate."""
-    parts = resample(read_raw(path, joint_names, name, split, topic, settings, notify), settings, notify)
+    """A log as ``q [dq] tau`` on a uniform grid; more than one part where a gap is too long to interpolate.
+
+    Without ``torque`` a log needs none, and none is read.
+    """
+    parts = resample(read_raw(path, joint_names, name, split, topic, settings, notify, torque), settings, notify)
     if not parts:
         raise InputError(
             f"{path}: no stretch of {(settings or ResampleSettings()).min_rows} rows without a gap too long to "
@@ -91,8 +102,7 @@ def import_log(
     out = Path(out_path)
     if out.suffix.lower() not in (".parquet", ".pq"):
         raise InputError(f"{out}: expected a file name that ends in .parquet")
-    if out.exists() and Path(data_path).exists() and out.samefile(data_path):
-        raise InputError(f"{out}: is the log itself; give another name for the output")
+    check_target(out, [data_path])
     trajectory = read_raw(data_path, robot.joint_names, topic=topic, notify=notify)
     write_log(out, trajectory, robot.joint_names)
     return trajectory

@@ -35,17 +35,19 @@ def read_raw_table(
     split: str = "train",
     settings: ResampleSettings | None = None,
     notify: Notify | None = None,
+    torque: bool = True,
 ) -> Trajectory:
     """Read and check one log of a robot with joints ``joint_names``: ``q [dq] tau``, time stamps as recorded.
 
-    Raises :class:`InputError` for whatever makes it unusable; ``notify`` is told what looks odd.
+    Without ``torque`` its columns are neither needed nor read. Raises :class:`InputError` for whatever makes the log
+    unusable; ``notify`` is told what looks odd.
     """
     file = Path(path)
     settings = settings or ResampleSettings()
     tell = notify or (lambda message: None)
     name = name if name is not None else file.stem
     table, first_row = _load(file)
-    signals = _signals(table, file, joint_names)
+    signals = _signals(table, file, joint_names, torque)
     if table.num_rows < settings.min_rows:
         raise InputError(f"{file}: {table.num_rows} rows; expected at least {settings.min_rows}: record a longer run")
     time = _column(table, "time", file, first_row)
@@ -80,7 +82,7 @@ def check_plausible(
 
     Angles that wrap (a step of almost a full turn) are unwrapped in ``arrays``, in place.
     """
-    silent = ~arrays["tau"].any(axis=0)
+    silent = ~arrays["tau"].any(axis=0) if "tau" in arrays else np.zeros(len(joint_names), bool)
     if silent.all():
         raise InputError(
             f"{file}: torque columns are all zero; expected the measured joint torque [N m]: log effort too"
@@ -170,11 +172,12 @@ def _count_rows(file: Path) -> int:
         return sum(1 for line in stream if line.strip())
 
 
-def _signals(table: pa.Table, file: Path, joint_names: Sequence[str]) -> list[str]:
+def _signals(table: pa.Table, file: Path, joint_names: Sequence[str], torque: bool) -> list[str]:
     names, n = set(table.column_names), len(joint_names)
     if "time" not in names:
         raise InputError(f"{file}: column 'time' is missing; expected {LAYOUT}")
-    signals = ["q", "dq", "tau"] if any(re.fullmatch(r"dq\d+", name) for name in names) else ["q", "tau"]
+    velocity = any(re.fullmatch(r"dq\d+", name) for name in names)
+    signals = ["q", *(["dq"] if velocity else []), *(["tau"] if torque else [])]
     for signal in signals:
         numbers = sorted(int(name[len(signal) :]) for name in names if re.fullmatch(rf"{signal}\d+", name))
         if numbers == list(range(1, len(numbers) + 1)) and len(numbers) not in (0, n):

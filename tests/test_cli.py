@@ -1,0 +1,167 @@
+"""The command line as a stranger uses it: one line for unusable input, exit code 2, nothing written, nothing lost."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from hybrid_dynamics.cli import main
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.model import Model, save_model
+from hybrid_dynamics.readers import write_log
+from hybrid_dynamics.robots import Robot, find_description, lock_joints
+
+FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    """A robot, a run of it and its completed model."""
+    folder = tmp_path_factory.mktemp("recorded")
+    (folder / "robot.urdf").write_text(lock_joints(find_description("panda.urdf"), FINGERS))
+    robot = Robot.from_urdf(folder / "robot.urdf")
+    effects = (Effect("viscous_friction", ("panda_joint1",), {"viscous_coefficient": 2.0}),)
+    (run,), _ = exercises(robot, effects, train=1, test=0, duration=4.0)
+    write_log(folder / "run.parquet", run, robot.joint_names)
+    save_model(folder / "model.json", Model(robot, effects))
+    return folder
+
+
+@pytest.fixture
+def here(recorded, tmp_path, monkeypatch) -> Path:
+    """A working folder with copies of the recorded files."""
+    for file in recorded.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return int(stop.value.code or 0)
+
+
+def refused(folder: Path, capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one line that refuses ``arguments``; no file may appear, change or vanish."""
+    before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    assert run(*arguments) == 2
+    assert {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()} == before
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("error: ")
+    return lines[0]
+
+
+CLOSE = ("close-loop", "--robot", "robot.urdf", "--train", "run.parquet", "--out")
+PREDICT = ("predict", "--model", "model.json", "--robot", "robot.urdf", "--data", "run.parquet", "--out")
+IMPORT = ("import", "--robot", "robot.urdf", "--data", "run.parquet", "--out")
+
+
+def test_predict_needs_no_torque(here):
+    log = pd.read_parquet("run.parquet")
+    torque = [name for name in log if name.startswith("tau")]
+    log.drop(columns=torque).to_csv("motion.csv", index=False)
+    assert run(*PREDICT, "full.parquet") == 0
+    assert run(*PREDICT[:-3], "--data", "motion.csv", "--out", "motion.parquet") == 0
+    full, motion = (pq.read_table(f"{name}.parquet").to_pandas() for name in ("full", "motion"))
+    np.testing.assert_allclose(full.to_numpy(), motion.to_numpy(), atol=1e-9)
+    # The control: the prediction is this run's torque, but for noise.
+    measured = np.interp(full["time"], log["time"], log["tau2"].rolling(21, center=True, min_periods=1).mean())
+    assert np.std(full["tau2"] - measured) < 0.1 * np.std(measured)
+
+
+@pytest.mark.parametrize(
+    ("command", "out", "message"),
+    [
+        (PREDICT, "run.parquet", "run.parquet: is an input and would be overwritten"),
+        (PREDICT, "model.json", "model.json: expected a file name that ends in .parquet"),
+        (PREDICT, "folder.parquet", "folder.parquet: is a folder"),
+        (PREDICT, "robot.urdf/p.parquet", "robot.urdf: is a file"),
+        (IMPORT, "run.parquet", "run.parquet: is an input and would be overwritten"),
+        (IMPORT, "folder.parquet", "folder.parquet: is a folder"),
+        (IMPORT, "robot.urdf/p.parquet", "robot.urdf: is a file"),
+        (CLOSE, "robot.urdf", "robot.urdf: is a file"),
+        (CLOSE, "robot.urdf/sub/out", "robot.urdf: is a file"),
+        ((*CLOSE[:-1], "--model", "model.json", "--out"), ".", "model.json: is an input and would be overwritten"),
+        ((*CLOSE[:-1], "--model", "folder.parquet", "--out"), "out", "folder.parquet: Is a directory"),
+        ((*CLOSE[:-1], "--test", "run.parquet", "--out"), "out", "run.parquet: is given to --train and to --test"),
+        ((*IMPORT[:-1], "--topic", "/joint_states", "--out"), "out.parquet", "a table has no topics"),
+    ],
+)
+def test_outputs_never_replace_inputs(here, capsys, command, out, message):
+    (here / "folder.parquet").mkdir()
+    assert message in refused(here, capsys, *command, out)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "message"),
+    [
+        ("<inertial>.*?</inertial>", "", "panda_link1, moved by joint panda_joint1, has no inertia"),
+        (r"<inertia .*?/>", "", "<inertial> without <inertia>"),
+        ('<mass value="[^"]*"', '<mass value="heavy"', "<mass> value is 'heavy'; expected a finite number"),
+        ('<mass value="[^"]*"', '<mass value="inf"', "<mass> value is 'inf'"),
+        ('ixx="[^"]*"', 'ixx="-5"', "ixx -5.0"),
+        ('ixx="[^"]*"', 'ixx="1,5"', "<inertia> ixx is '1,5'"),
+        ('<axis xyz="[^"]*"', '<axis xyz="0 0 0"', "joint panda_joint1: its axis is zero"),
+        ('<axis xyz="[^"]*"', '<axis xyz="0 1"', "<axis> xyz is '0 1'; expected 3 finite numbers"),
+        ("<limit .*?/>", "", "joint panda_joint1 has no <limit>"),
+        ('<parent link="panda_link0"', '<parent link="floor"', "parent link 'floor' is not in the file"),
+        ('<parent link="panda_link0"', '<parent link="panda_link3"', "carries itself|hang on no joint"),
+        ("</robot>", "", "not valid XML"),
+    ],
+)
+def test_faulty_urdf_is_named(here, capsys, pattern, replacement, message):
+    text = Path("robot.urdf").read_text()
+    faulty = re.sub(pattern, replacement, text, flags=re.DOTALL)
+    assert faulty != text
+    Path("faulty.urdf").write_text(faulty)
+    line = refused(here, capsys, "close-loop", "--robot", "faulty.urdf", "--train", "run.parquet", "--out", "out")
+    assert re.search(message, line), line
+
+
+def test_locking_every_joint_is_refused(here, capsys):
+    joints = [f"panda_joint{j}" for j in range(1, 8)]
+    assert "all joints are locked" in refused(here, capsys, *CLOSE, "out", "--lock", *joints)
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("block=[1", "--set block=[1: cannot be read"),
+        ("process=3", "--set process: is a group"),
+        ("families=3", "setting 'families' is unknown"),
+        ("block", "--set block: expected NAME=VALUE"),
+    ],
+)
+def test_faulty_setting_is_named(here, capsys, setting, message):
+    assert message in refused(here, capsys, *CLOSE, "out", "--set", setting)
+
+
+def test_interrupted_run_leaves_nothing(here):
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from hybrid_dynamics.cli import main; main()", *CLOSE, "out"],
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+    )
+    assert process.stderr is not None
+    # The first stage of the loop is announced.
+    first = process.stderr.readline()
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    rest = process.communicate(timeout=60)[1]
+    assert process.returncode == 130, first + rest
+    assert "Traceback" not in first + rest
+    assert rest.splitlines()[-1] == "interrupted"
+    assert not Path("out").exists()
