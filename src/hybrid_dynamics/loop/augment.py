@@ -118,15 +118,14 @@ def search(
 def _settings(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
     """Choose again among the settings of each effect (the width of a sign, say)."""
     best = list(current)
-    pressed = judge.evidence.constrained(current)
-    score = float(judge.score(judge.evidence.held_out(best, pressed)).sum())
+    score = float(judge.score(judge.evidence.held_out(best)).sum())
     for i, slot in enumerate(current):
         if ONLY_RUN in dict(slot.settings):
             continue
         for other in candidates:
             if other != slot and same_place(other, slot):
                 trial = [*best[:i], other, *best[i + 1 :]]
-                value = float(judge.score(judge.evidence.held_out(trial, pressed)).sum())
+                value = float(judge.score(judge.evidence.held_out(trial)).sum())
                 if value < score:
                     best, score = trial, value
     return best

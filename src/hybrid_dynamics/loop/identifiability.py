@@ -15,6 +15,8 @@ from hybrid_dynamics.loop.trace import Judge, same_place
 
 Array = NDArray[np.float64]
 
+#: A rival must be able to make at least this share of the effect's torque by itself.
+LIKENESS = 0.3
 #: Parameters of two runs that differ by less than this share are the same: drive gains are no better known.
 DIFFERENCE = 0.05
 
@@ -41,6 +43,8 @@ def indistinguishable(
             if pressed and (other.effect, other.joint) in tried:
                 continue
             tried.add((other.effect, other.joint))
+            if overlap(evidence, slot, own, other) < LIKENESS:
+                continue
             errors = evidence.held_out([*rest, other], pressed)
             difference = judge.score(errors) - judge.score(full)
             loss, error = float(difference.sum()), judge.standard_error(difference)

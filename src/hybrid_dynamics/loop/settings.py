@@ -14,12 +14,12 @@ from hybrid_dynamics.loop.process import ProcessSettings
 class LoopSettings:
     """``effects``: families that may be named (all registered ones where empty). ``sign_widths`` [rad/s] of friction.
 
-    An effect must gain ``gain_in_errors`` standard errors on held-out blocks of ``block`` [s] (a body more), lower the mean square
-    residual of a joint by ``floor_share`` squared noise floors and by ``torque_share`` of the variance of the measured
-    torque. It is dropped again below ``keep_share`` squared floors. A single training run is validated on
-    ``time_folds`` parts of it. A joint counts as explained when its held-out error exceeds the floor by at most
-    ``floor_tolerance`` floors in quadrature. An alternative is named where held-out mean squares grow by less than
-    ``alike_share``. No floor lies below ``resolution`` of the measured torque. Without test runs the last
+    An effect must gain ``gain_in_errors`` standard errors on held-out blocks of ``block`` [s] (a body half as much
+    again), lower the mean square residual of a joint by ``floor_share`` squared noise floors and by ``torque_share`` of
+    the variance of the measured torque. It is dropped again below ``keep_share`` squared floors. A single training run
+    is validated on ``time_folds`` parts of it. A joint counts as explained when its held-out error exceeds the floor by
+    at most ``floor_tolerance`` floors in quadrature. An alternative is named where held-out mean squares grow by less
+    than ``alike_share``. No floor lies below ``resolution`` of the measured torque. Without test runs the last
     ``held_out_share`` of every run is held out after a gap of ``held_out_gap`` [s]. ``evaluations`` of symbolic
     regression describe what stays unexplained on a joint.
     """
