@@ -150,7 +150,8 @@ def _wam(result: DatasetResults) -> Iterator[Check]:
     if result.name != "wam":
         return
     train, test = result.pooled("train").dropna(how="all"), result.pooled("test").dropna(how="all")
-    known = {*paper.COLUMNS, *PUBLISHED_SINDY}
+    # The paper's seven: r_sindy_sr in its published form, not on the scaled SINDy.
+    known = {*paper.COLUMNS, *PUBLISHED_SINDY} - {"r_sindy_sr"}
     there = [method for method in train if method in known and method in test]
     if "sindy" not in there:
         return
