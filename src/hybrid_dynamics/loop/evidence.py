@@ -18,7 +18,7 @@ from hybrid_dynamics.effects import Effect, Motion, Slot
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
-from hybrid_dynamics.loop.solve import Constraints, seed, solve, solve_bounded
+from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,6 @@ class Evidence:
         self.slots: list[Slot] = []
         self.weights = np.ones(self.n)
         self._columns: dict[Slot, list[slice | None]] = {}
-        self._interior: dict[Slot, Array] = {}
         self._rows: list[list[Array]] = [[np.empty((len(r.time), 0)) for _ in range(self.n)] for r in self.runs]
         self.base_target = [run.tau - run.smooth(self.predict_fine(base, run)) for run in self.runs]
         self.target = [t.copy() for t in self.base_target]
@@ -293,25 +292,11 @@ class Evidence:
             if layout.total == 0:
                 x = np.zeros(0)
             elif physical:
-                x = solve(a, b, constraints, self._inside(layout, constraints))
-                self._keep_inside(layout, constraints, x)
+                x = solve(a, b, constraints)
             else:
                 x = solve_bounded(a, b, constraints.lower)
             out[self._fold_blocks[f]] = self._errors(indices, x, self._own_gram[f])
         return out
-
-    def _inside(self, layout: Layout, constraints: Constraints) -> Array:
-        """A point inside the constraints: what earlier solutions found for each slot."""
-        x = seed(constraints)
-        for slot, start in zip(layout.slots, layout.starts, strict=True):
-            if slot in self._interior:
-                x[start : start + slot.family().size] = self._interior[slot]
-        return x
-
-    def _keep_inside(self, layout: Layout, constraints: Constraints, x: Array) -> None:
-        if constraints.bodies and np.all(x > constraints.lower) and constraints.satisfied(x):
-            for slot, start in zip(layout.slots, layout.starts, strict=True):
-                self._interior[slot] = x[start : start + slot.family().size]
 
     def constrained(self, slots: Sequence[Slot]) -> bool:
         """True where the unconstrained fit of ``slots`` asks for a body that cannot exist."""

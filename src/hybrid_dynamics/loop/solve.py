@@ -67,28 +67,21 @@ def solve_bounded(a: Array, b: Array, lower: Array) -> Array:
     return x
 
 
-def solve(a: Array, b: Array, constraints: Constraints, start: Array | None = None) -> Array:
-    """Minimiser under all ``constraints``; exact where none of the bodies is active, else within a small barrier.
-
-    ``start`` (K,), strictly inside the constraints, saves steps.
-    """
+def solve(a: Array, b: Array, constraints: Constraints) -> Array:
+    """Minimiser under all ``constraints``; exact where none of the bodies is active, else within a small barrier."""
     x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
     if not constraints.bodies or constraints.satisfied(np.maximum(x, constraints.lower)):
         return x
-    return _barrier(a, b, constraints, start)
+    return _barrier(a, b, constraints)
 
 
-def seed(constraints: Constraints) -> Array:
-    """A point strictly inside ``constraints``."""
-    x = np.where(np.isfinite(constraints.lower), constraints.lower + 1e-2, 0.0)
-    for i, _ in constraints.bodies:
-        x[i : i + 10] = _SEED
-    return x
-
-
-def _barrier(a: Array, b: Array, constraints: Constraints, start: Array | None) -> Array:
+def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
     bounded = np.flatnonzero(np.isfinite(constraints.lower))
     lower = constraints.lower[bounded]
+    x = np.zeros(len(b))
+    x[bounded] = lower + 1e-2
+    for i, _ in constraints.bodies:
+        x[i : i + 10] = _SEED
 
     def matrices(point: Array) -> list[Array]:
         return [np.einsum("k,kij->ij", offset + point[i : i + 10], _BASIS) for i, offset in constraints.bodies]
@@ -111,28 +104,24 @@ def _barrier(a: Array, b: Array, constraints: Constraints, start: Array | None) 
     # Barrier weights in units of the objective (squared errors in noise floors): from far above to far below one.
     size = float(b @ solve_free(a, b))
     mu, last = max(1e4, 1e-2 * size), max(1e-3, 1e-9 * size)
-    x = seed(constraints)
-    if start is not None and np.isfinite(value(start, 1.0)):
-        x, mu = start, max(1.0, 1e-6 * size)
     while mu > last:
-        final = mu * 0.1 <= last
         for _ in range(30):
             gradient, hessian = a @ x - b, a.copy()
             gap = x[bounded] - lower
             gradient[bounded] -= mu / gap
             hessian[bounded, bounded] += mu / gap**2
             for (i, _offset), matrix in zip(constraints.bodies, matrices(x), strict=True):
-                inverse = np.linalg.inv(matrix)
+                inverse = np.linalg.inv(matrix + 1e-14 * np.trace(matrix) * np.eye(4))
                 products = inverse @ _BASIS
                 gradient[i : i + 10] -= mu * np.trace(products, axis1=1, axis2=2)
                 turned = products.transpose(0, 2, 1).reshape(10, 16)
                 hessian[i : i + 10, i : i + 10] += mu * products.reshape(10, 16) @ turned.T
             step = -solve_free(hessian, gradient)
             decrement = -float(gradient @ step)
-            if decrement < (1e-6 if final else 1e-2) * mu:
+            if decrement < 1e-6 * mu:
                 break
-            length, here = 1.0, value(x, mu)
-            while length > 1e-10 and not value(x + length * step, mu) <= here - 1e-4 * length * decrement:
+            length, start = 1.0, value(x, mu)
+            while length > 1e-10 and not value(x + length * step, mu) <= start - 1e-4 * length * decrement:
                 length *= 0.5
             if length <= 1e-10:
                 break
