@@ -7,7 +7,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from hybrid_dynamics.config import load_params, section
-from hybrid_dynamics.errors import run_main
+from hybrid_dynamics.errors import InputError, run_main
 from hybrid_dynamics.layout import BlindFiles
 from hybrid_dynamics.loop import LoopSettings, close_loop, write_diagnosis
 from hybrid_dynamics.robots import Robot
@@ -29,9 +29,11 @@ def main() -> None:
     files = dataset_argument(__doc__)
     blind = BlindFiles(files.dataset)
     settings = section(load_params(), "loop", LoopSettings)
+    logs = sorted(blind.logs.glob("*.parquet"))
+    if not logs:
+        raise InputError(f"{blind.logs}: no blind case; run the stage generate_blind (dvc repro)")
     shutil.rmtree(blind.diagnoses, ignore_errors=True)
     blind.diagnoses.mkdir(parents=True)
-    logs = sorted(blind.logs.glob("*.parquet"))
     with (
         progress_bar(f"{files.dataset}: closing the loop") as progress,
         ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool,

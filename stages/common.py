@@ -10,9 +10,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress, TimeElapsedColumn
 
-from hybrid_dynamics.errors import ConfigError
+from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.layout import DatasetFiles
+from hybrid_dynamics.trajectory import Trajectory, read_trajectories
 
 
 def dataset_argument(description: str | None) -> DatasetFiles:
@@ -27,6 +28,14 @@ def dataset_files(name: str) -> DatasetFiles:
     if not name.replace("_", "").replace("-", "").isalnum():
         raise ConfigError(f"dataset {name!r}: expected letters, digits, '-' and '_'")
     return DatasetFiles(name)
+
+
+def training_runs(files: DatasetFiles) -> list[Trajectory]:
+    """The training runs of the features; :class:`InputError` where there are none."""
+    runs = read_trajectories(files.features, split="train")
+    if not runs:
+        raise InputError(f"{files.features}: no run with split 'train'; give at least one in conf/dataset/")
+    return runs
 
 
 @contextmanager

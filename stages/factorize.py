@@ -6,8 +6,7 @@ from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.errors import require, run_main
 from hybrid_dynamics.features import feature_matrix
 from hybrid_dynamics.models import SindySettings, factorize
-from hybrid_dynamics.trajectory import read_trajectories
-from stages.common import dataset_argument, measured
+from stages.common import dataset_argument, measured, training_runs
 
 
 def main() -> None:
@@ -19,7 +18,7 @@ def main() -> None:
         degree == settings.degree,
         f"sindy_scaled.degree is {degree} and sindy.degree is {settings.degree}; expected the same (one library)",
     )
-    runs = read_trajectories(files.features, split="train")
+    runs = training_runs(files)
     features = np.concatenate([feature_matrix(run) for run in runs])
     torque = np.concatenate([run["tau"] for run in runs])
     print(f"{files.dataset}: factorize: {len(features)} samples x {features.shape[1]} features", flush=True)

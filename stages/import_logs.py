@@ -18,9 +18,18 @@ def main() -> None:
     runs = section(params, f"dataset.{files.dataset}.runs", list[Run])
     robot = section(params, f"dataset.{files.dataset}.robot", RobotSettings)
     places = {name: Path(name) for name in (robot.urdf, *(run.file for run in runs))}
+    mend = f"correct conf/dataset/{files.dataset}.yaml and run make params"
     for name, path in places.items():
-        if not path.exists():
-            raise InputError(f"{name}: no such file; correct conf/dataset/{files.dataset}.yaml and run make params")
+        # A ROS 2 bag is a folder; anything else that is one would be copied as a whole.
+        bag = name != robot.urdf and (path / "metadata.yaml").is_file()
+        if not (path.is_file() or bag):
+            raise InputError(f"{name or 'empty path'}: {'is a folder' if path.is_dir() else 'no such file'}; {mend}")
+    if not any(run.split == "train" for run in runs):
+        raise InputError(f"dataset {files.dataset}: no run with split 'train'; {mend}")
+    for kind, values in (("name", [run.name for run in runs]), ("file", [run.file for run in runs])):
+        twice = [value for value in values if values.count(value) > 1]
+        if twice:
+            raise InputError(f"dataset {files.dataset}: {kind} {twice[0]!r} stands twice among its runs; {mend}")
     target = files.source
     temporary = target.with_name(f".{target.name}.tmp")
     shutil.rmtree(temporary, ignore_errors=True)

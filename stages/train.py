@@ -26,8 +26,7 @@ from hybrid_dynamics.models import (
     save_estimator,
 )
 from hybrid_dynamics.models.base import Estimator
-from hybrid_dynamics.trajectory import read_trajectories
-from stages.common import dataset_files, measured, progress_bar
+from stages.common import dataset_files, measured, progress_bar, training_runs
 
 SINDY = ("sindy", "sindy_scaled", "r_sindy", "r_sindy_scaled")
 
@@ -46,7 +45,7 @@ def train(method: str, files: DatasetFiles, settings: MethodSettings) -> Estimat
         print(f"{files.dataset}: train_{method}: {factor.rows} samples, {len(factor.powers)} library terms", flush=True)
         with measured(files.timing(method)):
             return fit_factor(method, settings, factor)
-    runs = read_trajectories(files.features, split="train")
+    runs = training_runs(files)
     features = np.concatenate([feature_matrix(run) for run in runs])
     torque = np.concatenate([run["tau"] for run in runs])
     print(f"{files.dataset}: train_{method}: {len(features)} samples x {features.shape[1]} features", flush=True)

@@ -1,5 +1,6 @@
 """The command line as a stranger uses it: one line for unusable input, exit code 2, nothing written, nothing lost."""
 
+import importlib
 import os
 import re
 import signal
@@ -12,13 +13,19 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+import yaml
+from stages.common import training_runs
 
 from hybrid_dynamics.cli import main
+from hybrid_dynamics.differentiate import DifferentiateSettings, differentiate_trajectory
 from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.errors import InputError, run_main
+from hybrid_dynamics.layout import DatasetFiles
 from hybrid_dynamics.loop.exercise import exercises
 from hybrid_dynamics.loop.model import Model, save_model
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
+from hybrid_dynamics.trajectory import Trajectory, read_trajectories, write_trajectories
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 
@@ -165,3 +172,60 @@ def test_interrupted_run_leaves_nothing(here):
     assert "Traceback" not in first + rest
     assert rest.splitlines()[-1] == "interrupted"
     assert not Path("out").exists()
+
+
+def stage(name: str, *arguments: str) -> int:
+    program = importlib.import_module(f"stages.{name}").main
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [name, *arguments])
+        with pytest.raises(SystemExit) as stop:
+            run_main(program)
+    return int(stop.value.code or 0)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "runs", "message"),
+    [
+        ("", [("a", "train", "run.parquet")], "error: empty path: is a folder"),
+        (".", [("a", "train", "run.parquet")], r"error: \.: is a folder"),
+        ("none.urdf", [("a", "train", "run.parquet")], "none.urdf: no such file"),
+        ("robot.urdf", [("a", "train", "sub")], "sub: is a folder"),
+        ("robot.urdf", [("a", "test", "run.parquet")], "no run with split 'train'"),
+        ("robot.urdf", [("a", "train", "run.parquet"), ("a", "test", "robot.urdf")], "name 'a' stands twice"),
+        ("robot.urdf", [("a", "train", "run.parquet"), ("b", "test", "run.parquet")], "'run.parquet' stands twice"),
+    ],
+)
+def test_own_logs_are_checked_before_they_are_taken_in(here, capsys, urdf, runs, message):
+    (here / "sub").mkdir()
+    rows = [dict(zip(("name", "split", "file"), run, strict=True)) for run in runs]
+    Path("params.yaml").write_text(yaml.safe_dump({"dataset": {"custom": {"robot": {"urdf": urdf}, "runs": rows}}}))
+    assert stage("import_logs", "custom") == 2
+    error = capsys.readouterr().err
+    assert len(error.splitlines()) == 1
+    assert re.search(message, error), error
+    assert not Path("data").exists()
+
+
+def test_text_in_a_column_and_features_without_training_runs(here, capsys):
+    time = np.arange(0.0, 1.0, 0.01)
+    signals = {s: np.ones((len(time), 1)) for s in ("q", "tau")}
+    write_trajectories("data/x/features.parquet", [Trajectory("a", "test", time, signals)], {})
+    with pytest.raises(InputError, match="no run with split 'train'"):
+        training_runs(DatasetFiles("x"))
+    table = pq.read_table("data/x/features.parquet")
+    text = [str(value) for value in table.column("q1").to_pylist()]
+    pq.write_table(table.set_column(table.schema.get_field_index("q1"), "q1", [text]), "text.parquet")
+    with pytest.raises(InputError, match=r"text.parquet: column 'q1' holds string; expected numbers"):
+        read_trajectories("text.parquet")
+
+
+def test_a_joint_that_stands_still_leaves_the_others_their_bandwidth():
+    time = np.arange(0.0, 8.0, 0.01)
+    q = np.column_stack([np.sin(2 * time), np.cos(3 * time)]) + 1e-4 * np.random.default_rng(0).normal(size=(800, 2))
+    moving = Trajectory("a", "train", time, {"q": q, "tau": q})
+    still = Trajectory("a", "train", time, {k: np.column_stack([q, np.full(800, 0.3)]) for k in ("q", "tau")})
+    settings = DifferentiateSettings(method="butterworth")
+    (alone, first), (beside, second) = (differentiate_trajectory(run, settings) for run in (moving, still))
+    assert first["cutoff_hz"] == second["cutoff_hz"]
+    np.testing.assert_allclose(alone["ddq"], beside["ddq"][:, :2], atol=1e-12)
+    np.testing.assert_allclose(beside["ddq"][:, 2], 0.0, atol=1e-8)

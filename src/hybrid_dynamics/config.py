@@ -30,7 +30,7 @@ def load_params(path: str | os.PathLike[str] = PARAMS) -> dict[str, Any]:
         raise ConfigError(f"{file}: no such file; compose it from conf/ (make params)")
     try:
         content = OmegaConf.to_container(OmegaConf.load(file), resolve=True)
-    except (OmegaConfBaseException, YAMLError) as error:
+    except (OmegaConfBaseException, YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{file}: not readable ({error}); compose it anew from conf/ (make params)") from None
     if not isinstance(content, dict):
         raise ConfigError(f"{file}: expected a mapping of sections; compose it anew from conf/ (make params)")

@@ -221,7 +221,10 @@ def _to_table(trajectory: Trajectory, metadata: Mapping[str, Any]) -> pa.Table:
 
 def _from_table(table: pa.Table, signals: list[str], n: int, path: str | os.PathLike[str]) -> Trajectory:
     def column(name: str) -> Array:
-        values = table.column(name).to_numpy()
+        held = table.column(name)
+        if not (pa.types.is_floating(held.type) or pa.types.is_integer(held.type)):
+            raise InputError(f"{path}: column '{name}' holds {held.type}; expected numbers")
+        values = held.to_numpy()
         bad = ~np.isfinite(values)
         if bad.any():
             raise InputError(

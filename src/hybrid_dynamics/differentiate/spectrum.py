@@ -61,7 +61,9 @@ def estimate_spectrum(x: Array, dt: float) -> Spectrum:
     """
     x = np.asarray(x, float)
     if len(x) < MIN_SAMPLES:
-        raise InputError(f"{len(x)} samples are too few for a spectrum; expected at least {MIN_SAMPLES}")
+        raise InputError(
+            f"{len(x)} samples are too few for a spectrum; expected at least {MIN_SAMPLES}: give a longer run"
+        )
     length = len(x) // 2
     window = signal.windows.hann(length, sym=False) ** 2
     frequency, power = signal.welch(
@@ -90,7 +92,8 @@ def _noise_density(frequency: Array, power: Array) -> tuple[Array, float]:
     is taken as constant, at the mean level of the octave above.
     """
     smooth = _octave_mean(frequency, power)
-    held = np.cumsum(power[1:]) / np.sum(power[1:])
+    # A signal that stands still has no power at all.
+    held = np.cumsum(power[1:]) / max(float(np.sum(power[1:])), np.finfo(float).tiny)
     first = min(1 + int(np.searchsorted(held, 0.999)), len(power) - 2)
     knee = _knee(frequency, smooth, first)
     noise = smooth.copy()

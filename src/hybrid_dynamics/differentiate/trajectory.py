@@ -112,7 +112,10 @@ def _recorded(trajectory: Trajectory, dt: float, settings: DifferentiateSettings
     source = "dq" if "dq" in trajectory else "q"
     order, cutoff = settings.order, settings.cutoff_hz
     if cutoff == 0:
-        spectra = [estimate_spectrum(column, dt) for column in trajectory[source].T]
+        moving = [column for column in trajectory[source].T if np.ptp(column) > 0]
+        if not moving:
+            raise InputError(f"trajectory {trajectory.name}: no joint moves; give a run in motion, or set cutoff_hz")
+        spectra = [estimate_spectrum(column, dt) for column in moving]
         cutoff = choose_cutoff(spectra, dt, order, TARGET_DERIVATIVE - (source == "dq"))
     tau = butterworth.lowpass(trajectory["tau"], dt, cutoff, order)
     signals, found = _motion(trajectory, dt, settings, source, cutoff)
