@@ -87,7 +87,7 @@ def test_a_users_log_is_read_from_where_it_was_taken_in(ur10, tmp_path):
 
 
 def test_wrong_settings_are_named():
-    with pytest.raises(ConfigError, match="reader.format is 'xml'"):
+    with pytest.raises(ConfigError, match=r"reader\.format is 'xml'"):
         convert({"format": "xml"}, "dataset.x.reader", ReaderSettings)
     with pytest.raises(ConfigError, match=r"run a: rows is \[1\]"):
         convert([{"name": "a", "split": "train", "file": "f", "rows": [1]}], "dataset.x.runs", list[Run])

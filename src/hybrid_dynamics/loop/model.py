@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, StateTorque, family, plant
-from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.errors import HybridDynamicsError, InputError
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.robots import Robot
 
@@ -107,11 +107,11 @@ def save_model(path: str | os.PathLike[str], model: Model) -> None:
 def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
     """Read ``model.json`` for ``robot``; :class:`InputError` says what does not fit."""
     try:
-        value = json.loads(Path(path).read_text(encoding="utf-8"))
+        value = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
         jsonschema.validate(value, load_schema("model"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such model file; give the model.json that close-loop wrote") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise InputError(f"{path}: not valid JSON ({error}); give the model.json that close-loop wrote") from None
     except jsonschema.ValidationError as error:
         where = "/".join(str(p) for p in error.absolute_path) or "top level"
@@ -120,4 +120,24 @@ def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
         raise InputError(
             f"{path}: made for joints {', '.join(value['joints'])}; the robot has {', '.join(robot.joint_names)}"
         )
-    return Model(robot, tuple(effect_from_json(e) for e in value["effects"]))
+    try:
+        model = Model(robot, tuple(effect_from_json(e) for e in value["effects"]))
+        for effect in model.effects:
+            _check_physics(effect, robot)
+        _ = model.completed_robot
+    except HybridDynamicsError as error:
+        raise InputError(f"{path}: {error}; give the model.json that close-loop wrote") from None
+    return model
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number a model may hold")
+
+
+def _check_physics(effect: Effect, robot: Robot) -> None:
+    """Raise :class:`InputError` for a value that physics forbids, such as friction that drives."""
+    kind = effect.slot(robot).family()
+    coordinates = kind.coordinates_of(effect.parameters, robot, effect.slot(robot))
+    if np.any(coordinates < kind.lower_bounds()):
+        shown = ", ".join(f"{name} = {value:g}" for name, value in effect.parameters.items())
+        raise InputError(f"effect {effect.effect} of {', '.join(effect.joints) or 'the robot'}: {shown}; expected >= 0")

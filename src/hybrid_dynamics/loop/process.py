@@ -95,7 +95,7 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
     if len(trajectory.time) < 2 * trim + max(20, round(0.3 / dt)):
         raise InputError(
             f"run {trajectory.name}: lasts {trajectory.time[-1] - trajectory.time[0]:.2f} s at {rate:.0f} Hz; "
-            f"expected at least {2 * trim * dt + 0.5:.1f} s"
+            f"expected at least {2 * trim * dt + 0.5:.1f} s; record longer runs, or hold out whole runs with --test"
         )
     low_pass = butter(4, cutoff, fs=rate, output="sos")
 

@@ -44,6 +44,7 @@ class LoopSettings:
     def __post_init__(self) -> None:
         for name in self.effects:
             family(name)
+        require(len(set(self.effects)) == len(self.effects), f"effects is {list(self.effects)}; name each only once")
         require(len(self.sign_widths) > 0, "sign_widths is empty; expected at least one width, 0 for a sharp sign")
         require(min(self.sign_widths) >= 0, f"sign_widths is {self.sign_widths}; expected widths >= 0 rad/s")
         for name, low, high in (

@@ -1,0 +1,56 @@
+"""A model.json that physics or the robot forbids is refused by file name; nothing but numbers is read."""
+
+import json
+
+import pytest
+
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.errors import ConfigError, InputError
+from hybrid_dynamics.loop import LoopSettings, Model, load_model, save_model
+from hybrid_dynamics.robots import Robot, find_description
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.from_urdf(find_description("ur_description/urdf/ur10_joint_limited_robot.urdf"))
+
+
+@pytest.fixture
+def path(robot, tmp_path):
+    friction = Effect("viscous_friction", (robot.joint_names[1],), {"viscous_coefficient": 2.0})
+    save_model(tmp_path / "model.json", Model(robot, (friction,)))
+    return tmp_path / "model.json"
+
+
+def test_round_trip(robot, path):
+    assert load_model(path, robot).effects[0].parameters == {"viscous_coefficient": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("2.0", "NaN", "NaN is no number"),
+        ("2.0", "-Infinity", "-Infinity is no number"),
+        ("2.0", "-2.0", "viscous_coefficient = -2; expected >= 0"),
+        ("viscous_friction", "magic", "magic"),
+        ("viscous_coefficient", "coefficient", "viscous_coefficient"),
+    ],
+)
+def test_impossible_models_are_refused_by_file_name(robot, path, old, new, message):
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(InputError, match=message) as caught:
+        load_model(path, robot)
+    assert str(path) in str(caught.value)
+
+
+def test_unknown_joint_of_an_effect_is_refused_by_file_name(robot, path):
+    document = json.loads(path.read_text())
+    document["effects"][0]["joints"] = ["elbow"]
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"model\.json: effect viscous_friction: .*no joint 'elbow'"):
+        load_model(path, robot)
+
+
+def test_an_effect_named_twice_is_refused():
+    with pytest.raises(ConfigError, match="name each only once"):
+        LoopSettings(effects=("payload", "payload"))
