@@ -156,9 +156,7 @@ def physical_least_squares(
     divergence = cp.sum([cp.trace(body) - cp.log_det(body) for body in bodies])
     away = cp.sum_squares(armature - prior_armature / armature_scale)
     weight = cp.Parameter(nonneg=True)
-    problem = cp.Problem(
-        cp.Minimize(cp.sum_squares(residual) + weight * (divergence + away)), [friction[: 2 * n] >= 0]
-    )
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(residual) + weight * (divergence + away)), [friction[: 2 * n] >= 0])
     _solve(problem, weight, prior_weight)
     parameters = np.concatenate(
         [t @ ((body.value + body.value.T) / 2).ravel() for t, body in zip(to_parameters, bodies, strict=True)]
