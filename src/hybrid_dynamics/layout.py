@@ -8,6 +8,21 @@ from pathlib import Path
 REPORTS = Path("reports")
 RAW = Path("data/raw")
 DERIVATIVES = Path("data/derivatives.csv")
+#: Columns of ``loop.csv`` and of every ``models/loop/steps.csv``.
+LOOP_COLUMNS = (
+    "dataset",
+    "provenance",
+    "step",
+    "effect",
+    "effect_joints",
+    "split",
+    "trajectory",
+    "joint",
+    "rmse_before",
+    "rmse_after",
+)
+#: The trajectory name under which errors over all runs of a split stand.
+POOL = "all"
 
 
 @dataclass(frozen=True)

@@ -7,23 +7,10 @@ from typing import Any
 
 import pandas as pd
 
+from hybrid_dynamics.layout import LOOP_COLUMNS, POOL
 from hybrid_dynamics.loop.close import LoopResult
 from hybrid_dynamics.loop.diagnosis import errors_of
 from hybrid_dynamics.loop.process import Run
-
-STEP_COLUMNS = [
-    "dataset",
-    "provenance",
-    "step",
-    "effect",
-    "effect_joints",
-    "split",
-    "trajectory",
-    "joint",
-    "rmse_before",
-    "rmse_after",
-]
-POOL = "all"
 
 
 def step_table(result: LoopResult, dataset: str, provenance: str) -> pd.DataFrame:
@@ -51,5 +38,5 @@ def step_table(result: LoopResult, dataset: str, provenance: str) -> pd.DataFram
                 }
                 for j, (b, a) in enumerate(zip(before, after, strict=True), 1)
             ]
-    table = pd.DataFrame(rows, columns=STEP_COLUMNS)
+    table = pd.DataFrame(rows, columns=list(LOOP_COLUMNS))
     return table.sort_values(["step", "split", "trajectory", "joint"], kind="stable", ignore_index=True)

@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError, require
+from hybrid_dynamics.layout import POOL
 from hybrid_dynamics.metrics import Errors, torque_errors
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -17,7 +18,6 @@ Array = NDArray[np.float64]
 #: Trajectory -> predicted torque (T, n) [N m].
 Predictor = Callable[[Trajectory], Array]
 
-POOL = "all"
 ERROR_COLUMNS = (
     "dataset",
     "provenance",

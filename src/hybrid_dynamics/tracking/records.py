@@ -12,24 +12,12 @@ from typing import Any
 
 import pandas as pd
 
-from hybrid_dynamics.reporting.evaluation import POOL
+from hybrid_dynamics.layout import LOOP_COLUMNS, POOL
 from hybrid_dynamics.reporting.expressions import LONGEST, to_latex
 from hybrid_dynamics.reporting.results import DatasetResults, read_csv, read_dataset
 
 LOOP_METHOD = "loop"
 MODEL_FILE = "model.json"
-LOOP_COLUMNS = (
-    "dataset",
-    "provenance",
-    "step",
-    "effect",
-    "effect_joints",
-    "split",
-    "trajectory",
-    "joint",
-    "rmse_before",
-    "rmse_after",
-)
 MEASURES = ("rmse", "relative_rmse")
 
 
