@@ -118,6 +118,72 @@ def test_friction_that_grows_with_the_load_is_told_from_plain_friction(panda):
     assert values["payload"] == pytest.approx(BODY["mass"], rel=0.02)
 
 
+def test_friction_of_the_starting_model_that_became_less_is_named_and_stays_friction(panda, tmp_path):
+    friction = Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 3.0})
+    worn_in = Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 2.2})
+    train, test = exercises(panda, [worn_in], train=3, test=1, **SHORT)
+    result = close_loop(panda, train, test, start=Model(panda, (friction,)))
+    assert named(result.diagnosis) == [("coulomb_friction", ("panda_joint4",))]
+    change = result.diagnosis["effects"][0]["parameters"][0]
+    assert change["value"] == pytest.approx(-0.8, rel=0.02)
+    # The sum is still friction: the saved model is accepted.
+    result.model.save(tmp_path / "model.json")
+    assert Model.load(tmp_path / "model.json", panda).effects == result.model.effects
+    # Torque that would need friction to drive is no friction that became less.
+    pushing = [4.0 * np.sign(np.gradient(run["q"], axis=0)) for run in (*train, *test)]
+    driven = [run.with_signals(tau=run["tau"] - push) for run, push in zip((*train, *test), pushing, strict=True)]
+    wrong = close_loop(panda, driven[:3], driven[3:], start=Model(panda, (friction,))).diagnosis
+    left = [e["parameters"][0]["value"] for e in wrong["effects"] if e["joints"] == ["panda_joint4"]]
+    assert all(value >= -3.0 - 1e-9 for value in left)
+    assert wrong["verdict"] != "explained"
+
+
+def test_friction_of_the_starting_model_that_follows_the_load_carries_a_new_payload_too(panda):
+    friction = [
+        Effect("load_dependent_friction", ("panda_joint2",), {"load_coefficient": 0.15}),
+        Effect("load_dependent_friction", ("panda_joint4",), {"load_coefficient": 0.15}),
+    ]
+    heavy = dict(BODY, mass=2.5)
+    train, test = exercises(panda, [*friction, Effect("payload", (), heavy)], train=3, test=1, **SHORT)
+    diagnosis = close_loop(panda, train, test, start=Model(panda, tuple(friction))).diagnosis
+    assert named(diagnosis) == [("payload", ())]
+    assert diagnosis["effects"][0]["parameters"][0]["value"] == pytest.approx(2.5, rel=0.01)
+    assert diagnosis["verdict"] == "explained"
+
+
+def knocked(run, joints, torque, seconds, at=4.0):
+    """``run`` with ``torque`` (of the noise's order times many) on ``joints`` for ``seconds``."""
+    tau = run["tau"].copy()
+    moment = (run.time >= at) & (run.time < at + seconds)
+    tau[np.ix_(moment, joints)] += torque
+    return run.with_signals(tau=tau)
+
+
+def test_a_knock_is_told_and_left_out_of_the_fit(panda):
+    effect = Effect("viscous_friction", ("panda_joint2",), {"viscous_coefficient": 2.0})
+    train, test = exercises(panda, [effect], train=3, test=1, **SHORT)
+    everywhere = list(range(7))
+    diagnosis = close_loop(panda, [knocked(train[0], everywhere, 40.0, 0.1), *train[1:]], test).diagnosis
+    assert named(diagnosis) == [("viscous_friction", ("panda_joint2",))]
+    assert diagnosis["effects"][0]["parameters"][0]["value"] == pytest.approx(2.0, rel=0.02)
+    assert diagnosis["verdict"] == "explained"
+    told = [note for note in diagnosis["notes"] if "knock" in note]
+    assert len(told) == 1
+    assert "run train_1: around 4.0" in told[0]
+    # What is reported of the training runs holds the knock.
+    rmse = {k: np.array(diagnosis["error"][k]["after"]["rmse"]) for k in ("train", "test")}
+    assert np.all(rmse["train"] > rmse["test"])
+
+
+@pytest.mark.parametrize(
+    ("joints", "seconds"), [([1], 0.1), (list(range(7)), 2.0)], ids=["one joint only", "a lasting push"]
+)
+def test_what_is_no_knock_is_not_left_out(joints, seconds, panda):
+    train, test = exercises(panda, train=3, test=1, **SHORT)
+    diagnosis = close_loop(panda, [knocked(train[0], joints, 40.0, seconds), *train[1:]], test).diagnosis
+    assert not any("knock" in note for note in diagnosis["notes"])
+
+
 def test_first_joint_rotor_and_link_cannot_be_told_apart_and_it_says_so(panda):
     effect = Effect("armature", ("panda_joint1",), {"armature": 0.2})
     train, test = exercises(panda, [effect], train=3, test=1, **SHORT)

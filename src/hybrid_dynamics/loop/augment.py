@@ -55,21 +55,23 @@ def refit(evidence: Evidence, slots: Sequence[Slot], rounds: int = 3) -> Array:
     Columns that depend on the load follow the rigid body of the model that is being fitted.
     """
     kinds = [s.family() for s in slots]
-    loaded = any(s.family().uses_load for s in evidence.slots) and any(k.changes_body for k in kinds)
-    if not any(k.nonlinear for k in kinds):
+    body = any(k.changes_body for k in kinds)
+    loaded = body and any(s.family().uses_load for s in evidence.slots)
+    nonlinear = any(k.nonlinear for k in kinds) or (body and evidence.base_follows_load)
+    if not nonlinear:
         evidence.reset()
     x = evidence.fit(slots)
     coupled = loaded and any(k.uses_load for k in kinds)
-    if any(k.nonlinear for k in kinds) or coupled:
+    if nonlinear or coupled:
         for _ in range(rounds):
             effects = effects_of(evidence, slots, x)
             if loaded:
-                evidence.renew_load(evidence.base.adding(effects))
-            if any(k.nonlinear for k in kinds):
+                evidence.renew_load(effects)
+            if nonlinear:
                 evidence.relinearise(effects, slots, x)
             x = evidence.fit(slots)
     elif loaded:
-        evidence.renew_load(evidence.base.adding(effects_of(evidence, slots, x)))
+        evidence.renew_load(effects_of(evidence, slots, x))
     return x
 
 

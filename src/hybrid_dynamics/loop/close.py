@@ -15,20 +15,25 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.augment import Step, choose_widths, effects_of, model_of, refit, search
 from hybrid_dynamics.loop.checks import check_logs, check_torque
 from hybrid_dynamics.loop.diagnosis import errors_of, moving_rms, rounded, validate_diagnosis, verdict_of
+from hybrid_dynamics.loop.disturbances import describe, disturbances
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.identifiability import inconsistent, indistinguishable, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
-from hybrid_dynamics.loop.noise import noise_floor
+from hybrid_dynamics.loop.noise import noise_floor, rich_residuals
 from hybrid_dynamics.loop.process import Run, moving_joints, process
 from hybrid_dynamics.loop.runs import pool, split_by_run
 from hybrid_dynamics.loop.settings import LoopSettings
-from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.trace import Judge, same_place
 from hybrid_dynamics.loop.unexplained import expression_of
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
+
+
+#: How far the filters carry a moment to either side, in periods of their cut-off.
+KNOCK_REACH = 2.0
 
 
 @dataclass(frozen=True)
@@ -87,12 +92,11 @@ def _close(
             f"no joint moves more than {settings.process.moving_range} rad in the training runs; expected logs of a "
             "robot in motion"
         )
-    slots = [
-        s for name in settings.families for s in family(name).slots(base.completed_robot, moving, settings.options)
-    ]
+    slots = _candidates(base, moving, settings)
     tell("computing what each effect would do", 0.15)
     evidence = Evidence(base, runs, slots, settings)
     tell("measuring the noise", 0.4)
+    notes += _leave_out_knocks(evidence)
     floor = noise_floor(evidence)
     torque = np.concatenate([run.tau for run in runs])
     least = settings.resolution * np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
@@ -191,6 +195,28 @@ def _close(
     validate_diagnosis(diagnosis)
     tell("done", 1.0)
     return LoopResult(model, diagnosis, tuple(steps), tuple(models), tuple(runs), tuple(tests), floor, tuple(notes))
+
+
+def _candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -> list[Slot]:
+    """Places effects could take; friction that ``base`` has already changes by its amount, not by its width."""
+    taken = [effect.slot(base.robot) for effect in base.effects]
+    robot, options = base.completed_robot, settings.options
+    slots = [s for name in settings.families for s in family(name).slots(robot, moving, options)]
+    return [s for s in slots if s in taken or not any(same_place(s, t) and s.joint is not None for t in taken)]
+
+
+def _leave_out_knocks(evidence: Evidence) -> list[str]:
+    """Let moments that are no property of the robot count no more; one line for each."""
+    found = [
+        d
+        for r, residual in enumerate(rich_residuals(evidence))
+        for d in disturbances(
+            r, evidence.runs[r].time, residual, evidence.mask[r], KNOCK_REACH / evidence.runs[r].cutoff
+        )
+    ]
+    for d in found:
+        evidence.leave_out(d.run, slice(d.start, d.stop))
+    return describe(found, [run.name for run in evidence.runs])
 
 
 def _where(robot: Robot, slot: Slot) -> str:

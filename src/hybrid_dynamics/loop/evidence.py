@@ -43,6 +43,8 @@ class Evidence:
 
     def __init__(self, base: Model, runs: Sequence[Run], slots: Sequence[Slot], settings: LoopSettings) -> None:
         self.base, self.runs, self.settings = base, list(runs), settings
+        #: Rows that count, per run (K, n): where the joint moves and nothing disturbs it.
+        self.mask = [run.mask.copy() for run in self.runs]
         self.robot = base.completed_robot
         self.n = self.robot.n_joints
         self.slots: list[Slot] = []
@@ -50,6 +52,14 @@ class Evidence:
         self._columns: dict[Slot, list[slice | None]] = {}
         self._rows: list[list[Array]] = [[np.empty((len(r.time), 0)) for _ in range(self.n)] for r in self.runs]
         self.base_target = [run.tau - run.smooth(self.predict_fine(base, run)) for run in self.runs]
+        #: True where effects of the starting model follow the load, and so every change of the rigid body.
+        self.base_follows_load = any(e.slot(base.robot).family().uses_load for e in base.effects)
+        self._base_places: dict[Slot, Array] = {}
+        for effect in base.effects:
+            slot = effect.slot(base.robot)
+            if slot.family().scope == "joint":
+                own = slot.family().coordinates_of(effect.parameters, base.robot, slot)
+                self._base_places[slot] = self._base_places.get(slot, np.zeros(len(own))) + own
         self.target = [t.copy() for t in self.base_target]
         self._make_blocks()
         self.add_slots(slots)
@@ -114,16 +124,31 @@ class Evidence:
         self._reduce()
 
     def _smoothed(self, slot: Slot, motions: Sequence[Motion]) -> list[Array]:
-        return [run.smooth(slot.family().columns(m, slot)) for run, m in zip(self.runs, motions, strict=True)]
+        out = []
+        for run, motion in zip(self.runs, motions, strict=True):
+            columns = slot.family().columns(motion, slot)
+            if self.base_follows_load and slot.family().changes_body:
+                share = 1.0 + self.base.load_derivative(motion.q, motion.dq, motion.ddq)
+                columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [slot.index]])
+            out.append(run.smooth(columns))
+        return out
 
-    def renew_load(self, model: Model) -> None:
-        """Compute the columns that depend on the load anew, with the rigid-body torque of ``model``."""
+    def _model_in(self, effects: Sequence[Effect], run: Run) -> Model:
+        """The starting model with those of ``effects`` that act in ``run``."""
+        return self.base.adding(e for e in effects if e.settings.get(ONLY_RUN) in (None, run.name))
+
+    def renew_load(self, effects: Sequence[Effect]) -> None:
+        """Compute the columns that depend on the load anew, with the rigid body that ``effects`` have changed."""
         slots = [s for s in self.slots if s.family().uses_load]
         if not slots:
             return
-        robot = model.completed_robot
         motions = [
-            replace(run.motion, given_load=robot.inverse_dynamics(run.motion.q, run.motion.dq, run.motion.ddq))
+            replace(
+                run.motion,
+                given_load=self._model_in(effects, run).completed_robot.inverse_dynamics(
+                    run.motion.q, run.motion.dq, run.motion.ddq
+                ),
+            )
             for run in self.runs
         ]
         for slot in slots:
@@ -135,11 +160,16 @@ class Evidence:
             self.gram[j] = self._joint_gram(j)
         self._sum()
 
+    def leave_out(self, run: int, rows: slice) -> None:
+        """Let ``rows`` of run number ``run`` count no more."""
+        self.mask[run][rows] = False
+        self._reduce()
+
     def _reduce(self) -> None:
         self.gram = [self._joint_gram(j) for j in range(self.n)]
         self.count = np.array(
             [
-                self.runs[r].mask[low:high].sum(axis=0)
+                self.mask[r][low:high].sum(axis=0)
                 for r, (low, high) in zip(self.block_run, self.block_rows, strict=True)
             ],
             float,
@@ -152,17 +182,17 @@ class Evidence:
         for b, (low, high) in enumerate(self.block_rows):
             r = self.block_run[b]
             rows = np.column_stack([self._rows[r][j][low:high], self.target[r][low:high, j]])
-            rows = rows[self.runs[r].mask[low:high, j]]
+            rows = rows[self.mask[r][low:high, j]]
             gram[b] = rows.T @ rows
         return gram
 
     def _retarget(self) -> None:
         """Renew what depends on the target in the Gram matrices."""
-        for r, run in enumerate(self.runs):
+        for r, mask in enumerate(self.mask):
             mine = np.flatnonzero(self.block_run == r)
             edges = [self.block_rows[b][0] for b in mine]
             for j in range(self.n):
-                target = np.where(run.mask[:, j], self.target[r][:, j], 0.0)
+                target = np.where(mask[:, j], self.target[r][:, j], 0.0)
                 products = np.add.reduceat(self._rows[r][j] * target[:, None], edges, axis=0)
                 self.gram[j][mine, :-1, -1] = products
                 self.gram[j][mine, -1, :-1] = products
@@ -178,9 +208,9 @@ class Evidence:
 
     def relinearise(self, effects: Sequence[Effect], slots: Sequence[Slot], x: Array) -> None:
         """Make the linear problem exact at ``x``: target = tau - exact(x) + columns x (Gauss-Newton, fixed columns)."""
-        model = self.base.adding(effects)
         linear = self.linear(slots, x)
         for r, run in enumerate(self.runs):
+            model = self._model_in(effects, run)
             self.target[r] = run.tau - run.smooth(self.predict_fine(model, run)) + linear[r]
         self._retarget()
 
@@ -234,7 +264,10 @@ class Evidence:
         return out
 
     def constraints(self, layout: Layout) -> Constraints:
-        lower = np.concatenate([s.family().lower_bounds() for s in layout.slots] or [np.zeros(0)])
+        # What the starting model has may become less: the sum must stay physical.
+        lower = np.concatenate(
+            [s.family().lower_bounds() - self._base_places.get(s, 0.0) for s in layout.slots] or [np.zeros(0)]
+        )
         bodies = []
         for slot, start in zip(layout.slots, layout.starts, strict=True):
             offset = slot.family().inertial_offset(self.robot, slot)

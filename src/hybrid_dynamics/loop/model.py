@@ -15,7 +15,7 @@ import jsonschema
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Effect, StateTorque, family, plant
+from hybrid_dynamics.effects import Effect, Slot, StateTorque, family, plant
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.robots import Robot
@@ -44,6 +44,13 @@ class Model:
         robot, torque = self._planted
         rigid = robot.inverse_dynamics(q, dq, ddq)
         return rigid + torque(np.asarray(q, float), np.asarray(dq, float), rigid)
+
+    def load_derivative(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """How much the effects' torque grows with the rigid-body torque, (T, n): friction that follows the load."""
+        robot, torque = self._planted
+        rigid = robot.inverse_dynamics(q, dq, ddq)
+        step = 1e-6 * np.maximum(np.abs(rigid), 1.0)
+        return np.asarray((torque(q, dq, rigid + step) - torque(q, dq, rigid - step)) / (2 * step))
 
     def adding(self, effects: Iterable[Effect]) -> Model:
         """A model with ``effects`` appended."""
@@ -122,8 +129,7 @@ def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
         )
     try:
         model = Model(robot, tuple(effect_from_json(e) for e in value["effects"]))
-        for effect in model.effects:
-            _check_physics(effect, robot)
+        _check_physics(model)
         _ = model.completed_robot
     except HybridDynamicsError as error:
         raise InputError(f"{path}: {error}; give the model.json that close-loop wrote") from None
@@ -134,10 +140,19 @@ def _refuse_constant(name: str) -> float:
     raise ValueError(f"{name} is no number a model may hold")
 
 
-def _check_physics(effect: Effect, robot: Robot) -> None:
-    """Raise :class:`InputError` for a value that physics forbids, such as friction that drives."""
-    kind = effect.slot(robot).family()
-    coordinates = kind.coordinates_of(effect.parameters, robot, effect.slot(robot))
-    if np.any(coordinates < kind.lower_bounds()):
-        shown = ", ".join(f"{name} = {value:g}" for name, value in effect.parameters.items())
-        raise InputError(f"effect {effect.effect} of {', '.join(effect.joints) or 'the robot'}: {shown}; expected >= 0")
+def _check_physics(model: Model) -> None:
+    """Raise :class:`InputError` for what physics forbids, such as friction that drives.
+
+    A later effect may lessen an earlier one at the same place: their sum counts.
+    """
+    sums: dict[Slot, Array] = {}
+    for effect in model.effects:
+        slot = effect.slot(model.robot)
+        own = slot.family().coordinates_of(effect.parameters, model.robot, slot)
+        sums[slot] = sums.get(slot, np.zeros(len(own))) + own
+    for slot, total in sums.items():
+        kind = slot.family()
+        if np.any(total < kind.lower_bounds() - 1e-9):
+            where = "the robot" if slot.joint is None else model.robot.joint_names[slot.joint]
+            shown = ", ".join(f"{k} = {v:g}" for k, v in kind.parameters_of(total, model.robot, slot).items())
+            raise InputError(f"effect {slot.effect} of {where}: {shown}; expected >= 0, all in all")

@@ -7,7 +7,7 @@ error a little above (by the same share to first order), so the floor is their g
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from hybrid_dynamics.loop.process import Run
 Array = NDArray[np.float64]
 
 _RIDGES = (1e-9, 1e-7, 1e-5, 1e-3, 1e-1)
+#: Fewer rows than this for every column and the rich model would follow single samples.
+_ROWS_PER_COLUMN = 10
 
 
 def rich_columns(run: Run, rigid: Array, joint: int) -> Array:
@@ -40,22 +42,58 @@ def noise_floor(evidence: Evidence, slots: Sequence[Slot] = (), x: Array | None 
 
     With ``slots`` and their coordinates ``x`` the rich model is fitted to what they leave of the torque.
     """
-    rigid = [evidence.predict_fine(evidence.base, run) for run in evidence.runs]
     left = evidence.base_target if x is None else evidence.residuals(slots, x)
     out = np.zeros(evidence.n)
+    for j, rows in _rich_rows(evidence, left):
+        blocks = [
+            rows[r][low:high][evidence.mask[r][low:high, j]]
+            for r, (low, high) in zip(evidence.block_run, evidence.block_rows, strict=True)
+        ]
+        out[j] = _floor(blocks, evidence.block_fold, evidence.folds)
+    return out
+
+
+def rich_residuals(evidence: Evidence) -> list[Array]:
+    """What the rich model leaves of the torque (K, n) [N m], fitted run by run: runs may differ in what is missing.
+
+    Where a run has too few rows for that, the fit on all runs serves it; where all have, nothing is left (0).
+    """
+    out = [np.zeros(t.shape) for t in evidence.base_target]
+    for j, rows in _rich_rows(evidence, evidence.base_target):
+        counted = [part[mask[:, j]] for part, mask in zip(rows, evidence.mask, strict=True)]
+        grams = [part.T @ part for part in counted]
+        needed = _ROWS_PER_COLUMN * rows[0].shape[1]
+        for r, part in enumerate(rows):
+            if len(counted[r]) >= needed:
+                x = _ridge(grams[r], _RIDGES[2])
+            elif sum(map(len, counted)) >= needed:
+                x = _ridge(sum(grams[1:], grams[0]), _RIDGES[2])
+            else:
+                continue
+            out[r][:, j] = part[:, -1] - part[:, :-1] @ x
+    return out
+
+
+def _rich_rows(evidence: Evidence, left: Sequence[Array]) -> Iterator[tuple[int, list[Array]]]:
+    """Joint after joint the columns of the rich model, and the target ``left`` (K, n) as the last, in every run."""
+    rigid = [evidence.predict_fine(evidence.base, run) for run in evidence.runs]
     for j in range(evidence.n):
         if evidence.samples[j] < 20:
             continue
-        extra = [run.smooth(rich_columns(run, tau, j)) for run, tau in zip(evidence.runs, rigid, strict=True)]
-        blocks = []
-        for b, (low, high) in enumerate(evidence.block_rows):
-            r = evidence.block_run[b]
-            keep = evidence.runs[r].mask[low:high, j]
-            known = evidence.joint_rows(r, j)[low:high]
-            target = left[r][low:high, j]
-            blocks.append(np.column_stack([known, extra[r][low:high], target])[keep])
-        out[j] = _floor(blocks, evidence.block_fold, evidence.folds)
-    return out
+        yield (
+            j,
+            [
+                np.column_stack([evidence.joint_rows(r, j), run.smooth(rich_columns(run, rigid[r], j)), left[r][:, j]])
+                for r, run in enumerate(evidence.runs)
+            ],
+        )
+
+
+def _ridge(gram: Array, ridge: float) -> Array:
+    """Coefficients of the columns for the last one, from their Gram matrix, columns scaled to unit length."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
+    a = gram[:-1, :-1] * scale[:, None] * scale[None, :]
+    return np.asarray(scale * np.linalg.solve(a + ridge * np.eye(len(a)), gram[:-1, -1] * scale))
 
 
 def _floor(blocks: list[Array], fold: NDArray[np.int_], folds: int) -> float:
@@ -70,10 +108,7 @@ def _floor(blocks: list[Array], fold: NDArray[np.int_], folds: int) -> float:
             if not counts[mine].sum() or not counts[~mine].sum():
                 continue
             gram = grams[~mine].sum(axis=0)
-            scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
-            a = gram[:-1, :-1] * scale[:, None] * scale[None, :]
-            x = scale * np.linalg.solve(a + ridge * np.eye(len(a)), gram[:-1, -1] * scale)
-            v = np.append(-x, 1.0)
+            v = np.append(-_ridge(gram, ridge), 1.0)
             trained += max(float(v @ gram @ v), 0.0)
             tested += max(float(v @ grams[mine].sum(axis=0) @ v), 0.0)
             trained_rows += int(counts[~mine].sum())
