@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,13 @@ from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.trace import Judge, same_place
 
 Array = NDArray[np.float64]
+#: Family and joint of a slot, whatever its settings.
+Place = tuple[str, int | None]
 
 #: A rival must be able to make at least this share of the effect's torque by itself.
 LIKENESS = 0.3
+#: Two together must make nearly all of it.
+LIKENESS_OF_PAIR = 0.9
 #: Parameters of two runs that differ by less than this share are the same: drive gains are no better known.
 DIFFERENCE = 0.05
 
@@ -24,28 +29,29 @@ DIFFERENCE = 0.05
 def indistinguishable(
     judge: Judge, slots: Sequence[Slot], candidates: Sequence[Slot]
 ) -> dict[Slot, list[dict[str, Any]]]:
-    """For every slot of the model the candidates that would explain as much in its place, with reason and remedy."""
+    """What would explain as much in the place of each slot (one candidate, or two together), why, and the remedy."""
     evidence = judge.evidence
     names = evidence.robot.joint_names
     full = evidence.held_out(slots, evidence.constrained(slots))
     x = evidence.fit(slots)
     layout = evidence.layout(slots)
+    free = [c for c in candidates if not any(same_place(c, s) for s in slots)]
     out: dict[Slot, list[dict[str, Any]]] = {}
     for slot, start in zip(layout.slots, layout.starts, strict=True):
         own = x[start : start + slot.family().size]
-        found: dict[tuple[str, int | None], tuple[float, dict[str, Any]]] = {}
+        found: dict[frozenset[Place], tuple[float, dict[str, Any]]] = {}
         rest = [s for s in slots if s != slot]
         pressed = evidence.constrained(rest)
-        tried: set[tuple[str, int | None]] = set()
-        for other in candidates:
-            if any(same_place(other, s) for s in slots):
+        tried: set[frozenset[Place]] = set()
+        for group in [*((c,) for c in free), *_pairs(slot, free)]:
+            key = frozenset((c.effect, c.joint) for c in group)
+            if (pressed and key in tried) or any(smaller < key for smaller in found):
                 continue
-            if pressed and (other.effect, other.joint) in tried:
+            tried.add(key)
+            share = overlap(evidence, slot, own, *group)
+            if share < (LIKENESS if len(group) == 1 else LIKENESS_OF_PAIR):
                 continue
-            tried.add((other.effect, other.joint))
-            if overlap(evidence, slot, own, other) < LIKENESS:
-                continue
-            errors = evidence.held_out([*rest, other], pressed)
+            errors = evidence.held_out([*rest, *group], pressed)
             difference = judge.score(errors) - judge.score(full)
             loss, error = float(difference.sum()), judge.standard_error(difference)
             growth = judge.mean_square(errors) / np.maximum(judge.mean_square(full), 1e-300) - 1
@@ -54,23 +60,21 @@ def indistinguishable(
             # A whole body in place of one coefficient is no rival unless it predicts held-out runs as well.
             if not close and not (loss <= error and bool(np.all(growth < 5 * judge.settings.alike_share))):
                 continue
-            same = overlap(evidence, slot, own, other) > 1 - 1e-6
+            same = share > 1 - 1e-6
             worst = 100 * float(np.max(growth))
             why = (
                 "the same torque in every sample of these runs"
                 if same
                 else f"held-out error grows by at most {max(worst, 0.0):.1f} % (mean square, worst joint)"
             )
-            joints = [] if other.joint is None else [names[other.joint]]
             entry = {
-                "effects": [{"effect": other.effect, "joints": joints}],
+                "effects": [{"effect": c.effect, "joints": [] if c.joint is None else [names[c.joint]]} for c in group],
                 "why": why,
-                "motion_that_would_tell": motion_that_would_tell(slot, other, same),
+                "motion_that_would_tell": motion_that_would_tell(slot, group, same),
             }
-            key = (other.effect, other.joint)
             if key not in found or loss < found[key][0]:
                 found[key] = (loss, entry)
-        listed = [entry for _, entry in sorted(found.values(), key=lambda item: item[0])]
+        listed = [entry for _, entry in sorted(found.values(), key=lambda item: (len(item[1]["effects"]), item[0]))]
         if slot.effect == "payload":
             listed.insert(
                 0,
@@ -84,9 +88,18 @@ def indistinguishable(
     return out
 
 
-def overlap(evidence: Evidence, slot: Slot, x: Array, other: Slot) -> float:
-    """Share (0 to 1) of the weighted torque of ``slot`` at ``x`` that columns of ``other`` can produce."""
-    one, two = evidence.layout([slot]), evidence.layout([other])
+def _pairs(slot: Slot, candidates: Sequence[Slot]) -> list[tuple[Slot, Slot]]:
+    """Two effects of one coefficient each that could act together where ``slot`` acts."""
+    places: dict[Place, Slot] = {}
+    for c in candidates:
+        if c.family().scope == "joint" and (slot.joint in (None, c.joint) or slot.family().scope != "joint"):
+            places.setdefault((c.effect, c.joint), c)
+    return list(combinations(places.values(), 2))
+
+
+def overlap(evidence: Evidence, slot: Slot, x: Array, *others: Slot) -> float:
+    """Share (0 to 1) of the weighted torque of ``slot`` at ``x`` that columns of ``others`` together can produce."""
+    one, two = evidence.layout([slot]), evidence.layout(others)
     a, b = np.zeros((two.total, two.total)), np.zeros(two.total)
     energy = 0.0
     for j, ((p1, c1), (p2, c2)) in enumerate(zip(evidence.indices(one), evidence.indices(two), strict=True)):
@@ -103,14 +116,15 @@ def overlap(evidence: Evidence, slot: Slot, x: Array, other: Slot) -> float:
     return float((b * scale) @ y) / energy if energy > 0 else 0.0
 
 
-def motion_that_would_tell(slot: Slot, other: Slot, same: bool) -> str:
-    """One sentence: which motion separates the two."""
-    first, second = slot.family().shown_by, other.family().shown_by
-    if same and {slot.effect, other.effect} == {"armature", "link_inertia"} and slot.joint == other.joint == 0:
+def motion_that_would_tell(slot: Slot, others: Sequence[Slot], same: bool) -> str:
+    """One sentence: which motion separates ``slot`` from ``others``."""
+    first, last = slot.family().shown_by, others[-1]
+    if same and {slot.effect, last.effect} == {"armature", "link_inertia"} and slot.joint == last.joint == 0:
         return "No motion of a robot on a fixed base can tell: only the rotation about the joint's own axis counts."
-    if first == second:
+    rest = list(dict.fromkeys(o.family().shown_by for o in others if o.family().shown_by != first))
+    if not rest:
         return f"A motion in which {first}, one joint at a time."
-    return f"A motion in which {first}; then one in which {second}."
+    return f"A motion in which {first}; " + "; ".join(f"then one in which {clause}" for clause in rest) + "."
 
 
 def undetermined(evidence: Evidence, slots: Sequence[Slot], slot: Slot) -> list[str]:

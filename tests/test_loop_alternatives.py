@@ -1,0 +1,65 @@
+"""What the data cannot tell: sets of effects that would explain as much, and the motion that would separate them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.effects import Effect, plant
+from hybrid_dynamics.loop import close_loop
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+
+LINK = """
+<joint name="j{k}" type="revolute"><parent link="l{p}"/><child link="l{k}"/><origin xyz="{x} 0 0"/><axis xyz="0 1 0"/>
+  <limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
+<link name="l{k}"><inertial><origin xyz="0.25 0 0"/><mass value="2"/>
+  <inertia ixx="0.01" iyy="0.04" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+TILT = Effect("gravity_tilt", (), {"roll": 0.0, "pitch": 0.035})
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory) -> Robot:
+    """Two links that swing in a vertical plane."""
+    path = Path(tmp_path_factory.mktemp("arm")) / "arm.urdf"
+    links = LINK.format(k=1, p=0, x=0) + LINK.format(k=2, p=1, x=0.5)
+    path.write_text(f'<robot name="arm"><link name="l0"/>{links}</robot>')
+    return Robot.from_urdf(path)
+
+
+def swing(arm: Robot, reach: float, seed: int) -> Trajectory:
+    """8 s of a tilted ``arm`` whose joints swing by ``reach`` [rad] about one posture; 0.15 N m of noise."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(4000) / 500
+    w = 2 * np.pi * np.array([0.4, 0.9, 1.3])[:, None]
+    phase, size = rng.uniform(0, 2 * np.pi, (3, 2)), reach / 3 * rng.uniform(0.5, 1, (3, 2))
+    angle = w * time[:, None, None] + phase
+    q = np.array([0.5, 0.4]) + (size * np.sin(angle)).sum(axis=1)
+    dq, ddq = (size * w * np.cos(angle)).sum(axis=1), -(size * w**2 * np.sin(angle)).sum(axis=1)
+    tilted, _ = plant(arm, [TILT])
+    tau = tilted.inverse_dynamics(q, dq, ddq) + rng.normal(size=q.shape) * 0.15
+    return Trajectory(f"run_{seed}", "train", time, {"q": q, "tau": tau})
+
+
+def alternatives(arm: Robot, reach: float) -> list[tuple[set, str]]:
+    runs = [swing(arm, reach, seed) for seed in range(4)]
+    diagnosis = close_loop(arm, runs[:3], runs[3:]).diagnosis
+    assert [e["effect"] for e in diagnosis["effects"]] == ["gravity_tilt"]
+    return [
+        ({(e["effect"], *e["joints"]) for e in other["effects"]}, other["motion_that_would_tell"])
+        for other in diagnosis["effects"][0]["indistinguishable_from"]
+    ]
+
+
+def test_two_offsets_together_are_as_good_as_a_tilt_where_gravity_hardly_turns(arm):
+    # Within 0.03 rad of one posture the torque of a tilt is constant on both joints.
+    offsets = {("torque_offset", "j1"), ("torque_offset", "j2")}
+    told = {frozenset(names): motion for names, motion in alternatives(arm, 0.03)}
+    assert frozenset(offsets) in told
+    assert "all the way round" in told[frozenset(offsets)]
+    # One of them alone is none: the other joint would be left unexplained.
+    assert not any(frozenset([offset]) in told for offset in offsets)
+
+
+def test_a_wide_motion_tells_the_tilt_from_offsets(arm):
+    assert alternatives(arm, 1.5) == []
