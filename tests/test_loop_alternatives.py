@@ -1,4 +1,4 @@
-"""What the data cannot tell: sets of effects that would explain as much, and the motion that would separate them."""
+"""What the data cannot tell: sets of effects that would explain as much, the noise, motion that was not seen."""
 
 from pathlib import Path
 
@@ -27,17 +27,17 @@ def arm(tmp_path_factory) -> Robot:
     return Robot.from_urdf(path)
 
 
-def swing(arm: Robot, reach: float, seed: int) -> Trajectory:
-    """8 s of a tilted ``arm`` whose joints swing by ``reach`` [rad] about one posture; 0.15 N m of noise."""
+def swing(arm: Robot, reach: float, seed: int, effects=(TILT,), about=(0.5, 0.4)) -> Trajectory:
+    """8 s of ``arm`` with ``effects``, its joints swinging by ``reach`` [rad] ``about`` a posture; noise 0.15 N m."""
     rng = np.random.default_rng(seed)
     time = np.arange(4000) / 500
     w = 2 * np.pi * np.array([0.4, 0.9, 1.3])[:, None]
     phase, size = rng.uniform(0, 2 * np.pi, (3, 2)), reach / 3 * rng.uniform(0.5, 1, (3, 2))
     angle = w * time[:, None, None] + phase
-    q = np.array([0.5, 0.4]) + (size * np.sin(angle)).sum(axis=1)
+    q = np.array(about) + (size * np.sin(angle)).sum(axis=1)
     dq, ddq = (size * w * np.cos(angle)).sum(axis=1), -(size * w**2 * np.sin(angle)).sum(axis=1)
-    tilted, _ = plant(arm, [TILT])
-    tau = tilted.inverse_dynamics(q, dq, ddq) + rng.normal(size=q.shape) * 0.15
+    changed, _ = plant(arm, effects)
+    tau = changed.inverse_dynamics(q, dq, ddq) + rng.normal(size=q.shape) * 0.15
     return Trajectory(f"run_{seed}", "train", time, {"q": q, "tau": tau})
 
 
@@ -63,3 +63,14 @@ def test_two_offsets_together_are_as_good_as_a_tilt_where_gravity_hardly_turns(a
 
 def test_a_wide_motion_tells_the_tilt_from_offsets(arm):
     assert alternatives(arm, 1.5) == []
+
+
+def test_the_noise_floor_holds_where_one_run_moves_farther_than_the_others(arm):
+    reach = (0.03, 0.03, 0.9, 0.03)
+    runs = [swing(arm, r, seed, (), (0.0, 0.0)) for seed, r in enumerate(reach)]
+    diagnosis = close_loop(arm, runs[:3], runs[3:]).diagnosis
+    assert diagnosis["verdict"] == "nothing_missing"
+    # Nothing is missing, so what is left of the torque is the noise, in all four runs.
+    left = [np.square(diagnosis["error_moving"][part]["after"]["rmse"]) for part in ("train", "test")]
+    noise = np.sqrt(0.75 * left[0] + 0.25 * left[1])
+    np.testing.assert_allclose(diagnosis["noise_floor"], noise, rtol=0.2)

@@ -126,6 +126,8 @@ def test_friction_of_the_starting_model_that_became_less_is_named_and_stays_fric
     assert named(result.diagnosis) == [("coulomb_friction", ("panda_joint4",))]
     change = result.diagnosis["effects"][0]["parameters"][0]
     assert change["value"] == pytest.approx(-0.8, rel=0.02)
+    told = next(n for n in result.diagnosis["notes"] if "since the starting model" in n)
+    assert told.startswith("coulomb_friction of panda_joint4: coulomb_torque changed from 3 to 2.")
     # The sum is still friction: the saved model is accepted.
     result.model.save(tmp_path / "model.json")
     assert Model.load(tmp_path / "model.json", panda).effects == result.model.effects

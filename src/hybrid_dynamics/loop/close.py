@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from hybrid_dynamics.effects import Slot, family
+from hybrid_dynamics.effects import Effect, Slot, family
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.augment import Step, choose_widths, effects_of, model_of, refit, search
 from hybrid_dynamics.loop.checks import check_logs, check_torque
@@ -169,6 +169,7 @@ def _close(
             entry["inconsistent_between_runs"] = disagreeing[slot]
             which = ", ".join(d["parameter"] for d in disagreeing[slot])
             notes.append(f"{slot.effect}{_where(robot, slot)}: {which} differ between runs beyond their uncertainty")
+        notes += _change(base, effect)
         entry["test_rmse_before"] = [float(v) for v in rms[k]]
         entry["test_rmse_after"] = [float(v) for v in rms[k + 1]]
         entries.append(entry)
@@ -203,6 +204,19 @@ def _candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) 
     robot, options = base.completed_robot, settings.options
     slots = [s for name in settings.families for s in family(name).slots(robot, moving, options)]
     return [s for s in slots if s in taken or not any(same_place(s, t) and s.joint is not None for t in taken)]
+
+
+def _change(base: Model, effect: Effect) -> list[str]:
+    """What became of an effect that ``base`` has already, in one line."""
+    slot = effect.slot(base.robot)
+    old = [e for e in base.effects if e.slot(base.robot) == slot and slot.joint is not None]
+    parameters = slot.family().parameters
+    return [
+        f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to {was + effect.parameters[p.name]:.4g} "
+        f"{p.unit} since the starting model"
+        for p in parameters
+        if old and (was := sum(e.parameters[p.name] for e in old)) != 0
+    ]
 
 
 def _leave_out_knocks(evidence: Evidence) -> list[str]:

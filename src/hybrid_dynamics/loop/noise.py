@@ -18,7 +18,10 @@ from hybrid_dynamics.loop.process import Run
 
 Array = NDArray[np.float64]
 
-_RIDGES = (1e-9, 1e-7, 1e-5, 1e-3, 1e-1)
+#: From hardly any to hardly a model: where little is left, a free fit goes astray on motions it has not seen.
+_RIDGES = (1e-9, 1e-7, 1e-5, 1e-3, 1e-1, 1e1, 1e3)
+#: For a look at single moments of the runs that are fitted.
+_GENTLE = 1e-5
 #: Fewer rows than this for every column and the rich model would follow single samples.
 _ROWS_PER_COLUMN = 10
 
@@ -65,9 +68,9 @@ def rich_residuals(evidence: Evidence) -> list[Array]:
         needed = _ROWS_PER_COLUMN * rows[0].shape[1]
         for r, part in enumerate(rows):
             if len(counted[r]) >= needed:
-                x = _ridge(grams[r], _RIDGES[2])
+                x = _ridge(grams[r], _GENTLE)
             elif sum(map(len, counted)) >= needed:
-                x = _ridge(sum(grams[1:], grams[0]), _RIDGES[2])
+                x = _ridge(sum(grams[1:], grams[0]), _GENTLE)
             else:
                 continue
             out[r][:, j] = part[:, -1] - part[:, :-1] @ x
