@@ -212,8 +212,8 @@ def _change(base: Model, effect: Effect) -> list[str]:
     old = [e for e in base.effects if e.slot(base.robot) == slot and slot.joint is not None]
     parameters = slot.family().parameters
     return [
-        f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to {was + effect.parameters[p.name]:.4g} "
-        f"{p.unit} since the starting model"
+        f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to "
+        f"{was + effect.parameters[p.name]:.4g} {p.unit} since the starting model"
         for p in parameters
         if old and (was := sum(e.parameters[p.name] for e in old)) != 0
     ]
