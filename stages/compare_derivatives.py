@@ -14,6 +14,7 @@ from hybrid_dynamics.robots import Robot
 from stages.common import progress_bar
 
 DATASET = "wam"
+WORKERS = 2
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,10 @@ def main() -> None:
         one = replace(twin, follow=twin.follow[:1])
         recording = twin_runs(robot, one, [run], files.source, section(params, "seed", int), progress)[0]
     rows = slice(0, round(study.duration / recording.recorded.dt))
-    errors = derivative_errors(recording.truth.rows(rows), recording.recorded.rows(rows), tuned=study.tuned)
+    truth, noisy = recording.truth.rows(rows), recording.recorded.rows(rows)
+    errors = derivative_errors(truth, noisy, tuned=study.tuned, workers=WORKERS)
     table = pd.DataFrame(errors)
-    write_text(DERIVATIVES, table.to_csv(index=False))
+    write_text(DERIVATIVES, table.to_csv(index=False, float_format="%.10g"))
     print(table[table["joint"] == "all"].to_string(index=False))
 
 

@@ -118,9 +118,10 @@ def test_friction_that_grows_with_the_load_is_told_from_plain_friction(panda):
     assert values["payload"] == pytest.approx(BODY["mass"], rel=0.02)
 
 
-def test_friction_of_the_starting_model_that_became_less_is_named_and_stays_friction(panda, tmp_path):
-    friction = Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 3.0})
-    worn_in = Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 2.2})
+@pytest.mark.parametrize("width", [{}, {"sign_width": 0.02}], ids=["sharp", "a width that is no candidate"])
+def test_friction_of_the_starting_model_that_became_less_is_named_and_stays_friction(width, panda, tmp_path):
+    friction = Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 3.0}, width)
+    worn_in = Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 2.2}, width)
     train, test = exercises(panda, [worn_in], train=3, test=1, **SHORT)
     result = close_loop(panda, train, test, start=Model(panda, (friction,)))
     assert named(result.diagnosis) == [("coulomb_friction", ("panda_joint4",))]

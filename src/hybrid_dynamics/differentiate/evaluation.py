@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from hybrid_dynamics.differentiate.chain import derivatives
@@ -24,7 +25,7 @@ TRIED = 14
 
 
 def derivative_errors(
-    truth: Trajectory, noisy: Trajectory, methods: Iterable[str] | None = None, tuned: bool = True
+    truth: Trajectory, noisy: Trajectory, methods: Iterable[str] | None = None, tuned: bool = True, workers: int = 1
 ) -> list[dict[str, Any]]:
     """Relative RMSE of dq, ddq and dddq against truth, per method (default: all), signal and joint.
 
@@ -32,7 +33,8 @@ def derivative_errors(
     ``method``, ``signal``, ``joint`` (from 1; "all" = root mean square over the joints), ``relative_rmse`` =
     rms(error) / std(truth) with the automatic choice, ``parameter`` (its value; None for "all"); with ``tuned`` also
     ``best_relative_rmse`` (parameters tuned on the truth for that very joint and derivative), ``best_parameter`` and
-    ``ratio``. Edges (two periods of the motion's bandwidth, the same rows for every method) do not count.
+    ``ratio``. Edges (two periods of the motion's bandwidth, the same rows for every method) do not count. With several
+    ``workers`` joints are tuned side by side.
     """
     if len(truth.time) != len(noisy.time) or not np.allclose(truth.time, noisy.time, atol=noisy.dt * 1e-3, rtol=0):
         raise InputError(f"trajectory {noisy.name}: truth and noisy run are not sampled at the same instants")
@@ -44,7 +46,9 @@ def derivative_errors(
         chain = derivatives(x, dt, method, len(SIGNALS))
         edge = min(transient_samples(float(np.min(chain.bandwidth)), dt), len(x) // 4)
         inner = slice(edge, len(x) - edge)
-        best = [_tuned(method, x[:, j], dt, [truth[s][:, j] for s in SIGNALS], inner) for j in _joints(x, tuned)]
+        best = Parallel(workers)(
+            delayed(_tuned)(method, x[:, j], dt, [truth[s][:, j] for s in SIGNALS], inner) for j in _joints(x, tuned)
+        )
         for k, signal in enumerate(SIGNALS):
             own = []
             for j in range(x.shape[1]):

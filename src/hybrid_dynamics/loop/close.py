@@ -200,10 +200,14 @@ def _close(
 
 def _candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -> list[Slot]:
     """Places effects could take; friction that ``base`` has already changes by its amount, not by its width."""
-    taken = [effect.slot(base.robot) for effect in base.effects]
     robot, options = base.completed_robot, settings.options
     slots = [s for name in settings.families for s in family(name).slots(robot, moving, options)]
-    return [s for s in slots if s in taken or not any(same_place(s, t) and s.joint is not None for t in taken)]
+    own = [effect.slot(base.robot) for effect in base.effects]
+    own = [s for s in dict.fromkeys(own) if s.family().scope == "joint" and moving[s.index]]
+    return [
+        *(s for s in slots if not any(same_place(s, o) for o in own)),
+        *(o for o in own if o.effect in settings.families),
+    ]
 
 
 def _change(base: Model, effect: Effect) -> list[str]:

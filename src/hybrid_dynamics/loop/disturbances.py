@@ -1,6 +1,6 @@
 """Knocks in a log: moments in which most joints depart at once from anything the motion explains.
 
-A bump against the arm, a control hiccup or a fault of the log lasts a fraction of a second and is no property of the
+A bump against the arm, a stop harder than the filters resolve or a fault of the log lasts a fraction of a second and is no property of the
 robot, but least squares hands its energy to whatever effect comes nearest. What the rich model of
 :mod:`hybrid_dynamics.loop.noise` leaves is compared with its robust scale (median absolute deviation): friction alone
 surprises single joints, a knock surprises most of them together. Long or frequent departures are not left out: they
@@ -82,7 +82,7 @@ def describe(found: Sequence[Disturbance], names: Sequence[str]) -> list[str]:
     """One line for each knock, for the notes of the diagnosis."""
     return [
         f"run {names[d.run]}: around {0.5 * (d.first_time + d.last_time):.2f} s the torque of {d.joints} joints "
-        f"departs at once, by up to {d.size:.0f} times the usual residual, from anything the motion explains (a knock "
-        "or a fault of the log); that moment is left out of the fit, not out of the reported errors"
+        f"departs at once, by up to {d.size:.0f} times the usual residual, from anything the motion explains (a knock, "
+        "a sudden stop or a fault of the log); that moment is left out of the fit, not out of the reported errors"
         for d in found
     ]

@@ -16,8 +16,9 @@ from hybrid_dynamics.effects.inertia import pseudo_inertia_basis
 Array = NDArray[np.float64]
 
 _BASIS = pseudo_inertia_basis()
-#: A small solid body (kg, kg m^2) that makes the starting point strictly feasible.
-_SEED = np.array([0.1, 0.0, 0.0, 0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3])
+#: A solid body (kg, kg m^2) and a distance from bounds that make the starting point strictly feasible, well inside.
+_SEED = np.array([3.0, 0.0, 0.0, 0.0, 3e-2, 0.0, 3e-2, 0.0, 0.0, 3e-2])
+_INSIDE = 1.0
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
     bounded = np.flatnonzero(np.isfinite(constraints.lower))
     lower = constraints.lower[bounded]
     x = np.zeros(len(b))
-    x[bounded] = lower + 1e-2
+    x[bounded] = lower + _INSIDE
     for i, _ in constraints.bodies:
         x[i : i + 10] = _SEED
 
@@ -103,8 +104,10 @@ def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
 
     # Barrier weights in units of the objective (squared errors in noise floors): from far above to far below one.
     size = float(b @ solve_free(a, b))
-    mu, last = max(1e4, 1e-2 * size), max(1e-3, 1e-9 * size)
+    mu, last = max(1e4, 1e-3 * size), max(1e-3, 1e-9 * size)
     while mu > last:
+        # On the way only near the central path; on it at the end.
+        near = 1e-6 if 0.1 * mu <= last else 0.1
         for _ in range(30):
             gradient, hessian = a @ x - b, a.copy()
             gap = x[bounded] - lower
@@ -118,7 +121,7 @@ def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
                 hessian[i : i + 10, i : i + 10] += mu * products.reshape(10, 16) @ turned.T
             step = -solve_free(hessian, gradient)
             decrement = -float(gradient @ step)
-            if decrement < 1e-6 * mu:
+            if decrement < near * mu:
                 break
             length, start = 1.0, value(x, mu)
             while length > 1e-10 and not value(x + length * step, mu) <= start - 1e-4 * length * decrement:

@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 Progress = Callable[[int, int, float], None]
 
 _PREDICT_ROWS = 16_384
+#: The order of summation follows the number of threads, not of cores: the same weights on every machine.
+THREADS = 2
 
 
 @dataclass(frozen=True)
@@ -54,11 +56,11 @@ class NetworkSettings:
 
 @contextmanager
 def _reproducible() -> Iterator[None]:
-    """One thread and deterministic kernels, and the caller's choices back afterwards."""
+    """A fixed number of threads and deterministic kernels, and the caller's choices back afterwards."""
     import torch
 
     threads, deterministic = torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()
-    torch.set_num_threads(1)
+    torch.set_num_threads(THREADS)
     torch.use_deterministic_algorithms(True)
     try:
         yield
