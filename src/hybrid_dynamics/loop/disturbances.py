@@ -1,10 +1,10 @@
 """Knocks in a log: moments in which most joints depart at once from anything the motion explains.
 
-A bump against the arm, a stop harder than the filters resolve or a fault of the log lasts a fraction of a second and is no property of the
-robot, but least squares hands its energy to whatever effect comes nearest. What the rich model of
-:mod:`hybrid_dynamics.loop.noise` leaves is compared with its robust scale (median absolute deviation): friction alone
-surprises single joints, a knock surprises most of them together. Long or frequent departures are not left out: they
-ask for an explanation.
+A bump against the arm, a stop harder than the filters resolve or a fault of the log lasts a fraction of a second and
+is no property of the robot, but least squares hands its energy to whatever effect comes nearest. What the rich model
+of :mod:`hybrid_dynamics.loop.noise` leaves is compared with its robust scale (median absolute deviation):
+friction alone surprises single joints, a knock surprises most of them together. Long or frequent departures are not
+left out: they ask for an explanation.
 """
 
 from __future__ import annotations
