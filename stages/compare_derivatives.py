@@ -1,4 +1,4 @@
-"""Stage compare_derivatives: every differentiator on a noisy simulated WAM run whose true derivatives are known."""
+"""Stage compare_derivatives: every differentiator on a noisy run of the twin, whose true derivatives are known."""
 
 from dataclasses import dataclass, replace
 
@@ -9,11 +9,9 @@ from hybrid_dynamics.datasets import RobotSettings, Run, TwinSettings, robot_des
 from hybrid_dynamics.differentiate import derivative_errors
 from hybrid_dynamics.errors import require, run_main
 from hybrid_dynamics.files import write_text
-from hybrid_dynamics.layout import DERIVATIVES, DatasetFiles
 from hybrid_dynamics.robots import Robot
-from stages.common import progress_bar
+from stages.common import dataset_argument, progress_bar
 
-DATASET = "wam"
 WORKERS = 2
 
 
@@ -29,12 +27,13 @@ class StudySettings:
 
 
 def main() -> None:
+    files = dataset_argument(__doc__)
     params = load_params()
-    files = DatasetFiles(DATASET)
+    dataset = f"dataset.{files.dataset}"
     study = section(params, "derivative_study", StudySettings)
-    twin = section(params, f"dataset.{DATASET}.twin", TwinSettings)
-    run = section(params, f"dataset.{DATASET}.runs", list[Run])[0]
-    robot = Robot.from_text(robot_description(section(params, f"dataset.{DATASET}.robot", RobotSettings)), DATASET)
+    twin = section(params, f"{dataset}.twin", TwinSettings)
+    run = section(params, f"{dataset}.runs", list[Run])[0]
+    robot = Robot.from_text(robot_description(section(params, f"{dataset}.robot", RobotSettings)), files.dataset)
     with progress_bar("derivatives: simulating") as progress:
         one = replace(twin, follow=twin.follow[:1])
         recording = twin_runs(robot, one, [run], files.source, section(params, "seed", int), progress)[0]
@@ -42,7 +41,7 @@ def main() -> None:
     truth, noisy = recording.truth.rows(rows), recording.recorded.rows(rows)
     errors = derivative_errors(truth, noisy, tuned=study.tuned, workers=WORKERS)
     table = pd.DataFrame(errors)
-    write_text(DERIVATIVES, table.to_csv(index=False, float_format="%.10g"))
+    write_text(files.derivative_errors, table.to_csv(index=False, float_format="%.10g"))
     print(table[table["joint"] == "all"].to_string(index=False))
 
 

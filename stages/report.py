@@ -8,7 +8,8 @@ from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.datasets import RobotSettings, picture_of
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_text
-from hybrid_dynamics.layout import DERIVATIVES, REPORTS, BlindFiles, DatasetFiles
+from hybrid_dynamics.layout import REPORTS, BlindFiles, DatasetFiles
+from hybrid_dynamics.loop.blind import COLUMNS
 from hybrid_dynamics.reporting import StudyInputs, write_report
 from hybrid_dynamics.reporting.sections import blind_section, derivative_section, study_sections
 
@@ -20,9 +21,13 @@ def main() -> None:
     steps = pd.concat([pd.read_csv(DatasetFiles(name).model("loop") / "steps.csv") for name in names])
     write_text(REPORTS / "loop.csv", steps.to_csv(index=False))
     scores = [pd.read_csv(BlindFiles(name).scores) for name in section(params, "blind_robots", list[str])]
-    if scores:
-        write_text(REPORTS / "blind.csv", pd.concat(scores).to_csv(index=False))
-    extra = (blind_section(REPORTS / "blind.csv"), derivative_section(DERIVATIVES))
+    blind = pd.concat(scores) if scores else pd.DataFrame(columns=list(COLUMNS))
+    write_text(REPORTS / "blind.csv", blind.to_csv(index=False))
+    compared = section(params, "compared", list[str])
+    extra = (
+        blind_section(REPORTS / "blind.csv") if scores else None,
+        *(derivative_section(DatasetFiles(name).derivative_errors) for name in compared),
+    )
     study = StudyInputs(
         data=Path("data"),
         datasets=tuple(names),

@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
+from dvc.repo import Repo
 from stages.compose import compose
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -18,6 +19,24 @@ SMALL = ["scale=small", "datasets=[panda,ur10e]", "recorded=[ur10e]"]
 def test_params_are_the_composition_of_conf(tmp_path):
     compose(tmp_path / "params.yaml", [])
     assert (tmp_path / "params.yaml").read_text() == (ROOT / "params.yaml").read_text(), "run `make params`"
+
+
+@pytest.mark.parametrize("overrides", [[], ["study=custom"], ["scale=small"], ["blind=full"], SMALL], ids=str)
+def test_every_study_is_closed(tmp_path, overrides):
+    """What a stage reads from data/ or reports/, another stage of the same study writes."""
+    folder = clone(tmp_path)
+    compose(folder / "params.yaml", overrides)
+    assert dvc(folder, "init", "--no-scm", "--force").returncode == 0
+    with Repo(str(folder)) as repo:
+        stages = [stage for stage in repo.index.stages if stage.cmd]
+        written = {out.def_path for stage in stages for out in stage.outs}
+        for stage in stages:
+            for needed in (dep.def_path for dep in stage.deps):
+                if needed.startswith(("data/", "reports/")):
+                    known = any(needed == out or needed.startswith(out + "/") for out in written)
+                    assert known, f"{stage.name} reads {needed}; no stage of this study writes it"
+    names = {stage.name for stage in stages}
+    assert ("close_loop@custom" in names) == ("study=custom" in overrides)
 
 
 def clone(folder: Path) -> Path:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 REPORTS = Path("reports")
 RAW = Path("data/raw")
-DERIVATIVES = Path("data/derivatives.csv")
 #: Columns of ``loop.csv`` and of every ``models/loop/steps.csv``.
 LOOP_COLUMNS = (
     "dataset",
@@ -51,6 +50,10 @@ class DatasetFiles:
     @property
     def derivatives(self) -> Path:
         return self.folder / "derivatives.parquet"
+
+    @property
+    def derivative_errors(self) -> Path:
+        return self.folder / "derivative_errors.csv"
 
     @property
     def features(self) -> Path:
