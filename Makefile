@@ -26,7 +26,8 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	@$(PYTHON) --version | grep -q '^Python 3\.11\.' || { echo "error: $(PYTHON) is not Python 3.11; set PYTHON=/path/to/python3.11" >&2; exit 1; }
 	@echo "== creating the environment in $(VENV) (about two minutes the first time)"
 	@test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
-	@$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	@# The lock is complete (pip freeze), so nothing is resolved; byte code is compiled when a module is first used.
+	@$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile -r requirements.lock
 	@$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
