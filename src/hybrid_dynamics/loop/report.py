@@ -110,6 +110,11 @@ def _effects(d: dict[str, Any]) -> str:
             open_ = " (left open by the data)" if p["name"] in entry.get("undetermined_parameters", []) else ""
             rows.append([*left, p["name"] + open_, _number(p["value"]), f"± {_number(p['std_error'], 2)}", p["unit"]])
     out.append(_table(("effect", "joint", "settings", "parameter", "value", "standard error", "unit"), rows))
+    out.append(
+        "<p>A standard error says how well these samples determine the parameter. An error of the torque's calibration "
+        "(drive gains) comes on top: it scales masses and friction alike. A negative change lessens an effect that the "
+        "starting model has.</p>"
+    )
     for entry in d["effects"]:
         where = entry["joints"][0] if entry["joints"] else "whole robot"
         for other in entry["indistinguishable_from"]:
