@@ -211,14 +211,14 @@ def _candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) 
 
 
 def _change(base: Model, effect: Effect) -> list[str]:
-    """What became of an effect that ``base`` has already, in one line."""
+    """What became of a joint's effect that ``base`` has already; bodies have their whole inertia in the table."""
     slot = effect.slot(base.robot)
-    old = [e for e in base.effects if e.slot(base.robot) == slot and slot.joint is not None]
-    parameters = slot.family().parameters
+    kind = slot.family()
+    old = [e for e in base.effects if e.slot(base.robot) == slot and kind.scope == "joint"]
     return [
         f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to "
         f"{was + effect.parameters[p.name]:.4g} {p.unit} since the starting model"
-        for p in parameters
+        for p in kind.parameters
         if old and (was := sum(e.parameters[p.name] for e in old)) != 0
     ]
 
