@@ -134,6 +134,10 @@ class Family(ABC):
     nonlinear: ClassVar[bool] = False
     #: True where the torque depends on the rigid-body torque of the joint, and so on all other effects of the body.
     uses_load: ClassVar[bool] = False
+    #: Powers of the speed, one for each coordinate, where the effect is a viscous torque x |dq|^power sign(dq).
+    viscous_powers: ClassVar[tuple[int, ...]] = ()
+    #: True where the torque follows sign(dq); how that turns over is a setting (see ``effects/sign.py``).
+    turns_sign: ClassVar[bool] = False
     #: True where the effect changes the rigid body.
     changes_body: ClassVar[bool] = False
     #: What motion shows this effect as itself (one clause, follows "a motion in which").
@@ -175,9 +179,13 @@ class Family(ABC):
     def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array | None:
         """Torque (T,) [N m] that the drive of the effect's joint must add at joint states ``q dq`` (T,), or None.
 
-        ``load`` (T,) [N m] is the joint's rigid-body torque, for effects that use it.
+        ``load`` (T,) [N m] is the joint's rigid-body torque, for effects that use it. Rows are states in any order.
         """
         return None
+
+    def torque_along(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array | None:
+        """The same where the rows are one run in the order of time, for torques that depend on the past."""
+        return self.torque(effect, q, dq, load)
 
     def jacobian(self, x: Array, robot: Robot, slot: Slot) -> Array:
         """Derivative of the published parameters with respect to the coordinates, (number of parameters, p)."""

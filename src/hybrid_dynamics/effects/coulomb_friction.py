@@ -1,7 +1,6 @@
 """Coulomb friction of one joint: tau = Fc sign(dq), Fc >= 0.
 
-The setting ``sign_width`` w [rad/s] replaces sign(dq) by tanh(dq / w): measured joints slip gradually. Without it the
-sign is sharp.
+How the sign turns over at a reversal is a setting, see :mod:`hybrid_dynamics.effects.sign`.
 """
 
 from __future__ import annotations
@@ -13,19 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.base import Effect, Family, Motion, Parameter, Slot, register
+from hybrid_dynamics.effects.sign import run_sign, state_sign, width_settings
 from hybrid_dynamics.robots import Robot
 
 Array = NDArray[np.float64]
-
-
-def smooth_sign(dq: Array, width: float) -> Array:
-    """sign(dq), or tanh(dq / width) where ``width`` [rad/s] is positive."""
-    return np.tanh(dq / width) if width > 0 else np.sign(dq)
-
-
-def sign_settings(widths: tuple[float, ...]) -> list[tuple[tuple[str, Any], ...]]:
-    """One settings tuple per width; the sharp sign carries no setting."""
-    return [(("sign_width", float(w)),) if w > 0 else () for w in widths]
 
 
 @register
@@ -33,6 +23,7 @@ class CoulombFriction(Family):
     name = "coulomb_friction"
     scope = "joint"
     parameters = (Parameter("coulomb_torque", "N m"),)
+    turns_sign = True
     shown_by = "the joint reverses often and moves at several different speeds"
 
     def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
@@ -40,15 +31,18 @@ class CoulombFriction(Family):
             Slot(self.name, j, settings)
             for j in range(robot.n_joints)
             if moving[j]
-            for settings in sign_settings(options["sign_widths"])
+            for settings in width_settings(options["sign_widths"])
         ]
 
     def columns(self, motion: Motion, slot: Slot) -> Array:
-        width = float(dict(slot.settings).get("sign_width", 0.0))
-        return smooth_sign(motion.dq[:, [slot.index]], width)
+        j = slot.index
+        return run_sign(motion.q[:, j], motion.dq[:, j], dict(slot.settings))[:, None]
 
     def lower_bounds(self) -> Array:
         return np.zeros(1)
 
     def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
-        return effect.parameters["coulomb_torque"] * smooth_sign(dq, float(effect.settings.get("sign_width", 0.0)))
+        return effect.parameters["coulomb_torque"] * state_sign(dq, effect.settings)
+
+    def torque_along(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
+        return effect.parameters["coulomb_torque"] * run_sign(q, dq, effect.settings)

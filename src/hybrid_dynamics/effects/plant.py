@@ -13,12 +13,13 @@ from hybrid_dynamics.robots import Robot
 Array = NDArray[np.float64]
 
 
-def plant(robot: Robot, effects: Iterable[Effect]) -> tuple[Robot, StateTorque]:
+def plant(robot: Robot, effects: Iterable[Effect], along: bool = False) -> tuple[Robot, StateTorque]:
     """The robot with ``effects``: a changed copy, and the torque its drives must add.
 
     The second is a function of joint states ``(q, dq)``, both (T, n), giving (T, n) [N m]: under drive torque tau the
     changed robot accelerates as if it were given ``tau - torque(q, dq)``. Effects that depend on the load need a third
-    argument, the rigid-body torque (T, n) of the changed robot.
+    argument, the rigid-body torque (T, n) of the changed robot. With ``along`` its rows must be one run in the order of
+    time (friction may depend on the past); without, they are states in any order.
     """
     changed = robot.copy()
     added: list[tuple[int, Effect]] = []
@@ -33,7 +34,9 @@ def plant(robot: Robot, effects: Iterable[Effect]) -> tuple[Robot, StateTorque]:
         out = np.zeros_like(dq)
         for joint, effect in added:
             own = None if load is None else load[:, joint]
-            part = family(effect.effect).torque(effect, q[:, joint], dq[:, joint], own)
+            kind = family(effect.effect)
+            law = kind.torque_along if along else kind.torque
+            part = law(effect, q[:, joint], dq[:, joint], own)
             assert part is not None
             out[:, joint] += part
         return out

@@ -15,6 +15,7 @@ class ViscousFriction(Family):
     name = "viscous_friction"
     scope = "joint"
     parameters = (Parameter("viscous_coefficient", "N m s/rad"),)
+    viscous_powers = (1,)
     shown_by = "the joint moves at several different speeds in both directions"
 
     def columns(self, motion: Motion, slot: Slot) -> Array:

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Slot
+from hybrid_dynamics.effects.sign import travel_settings
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Judge, rank, same_place
 
 Array = NDArray[np.float64]
-
-#: Families whose sign(dq) has a width.
-WIDTHS = ("coulomb_friction", "load_dependent_friction")
 
 
 @dataclass(frozen=True)
@@ -133,23 +131,28 @@ def _settings(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot])
     return best
 
 
-def choose_widths(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
-    """Friction with the sign width per joint that predicts standing rows best, where moving rows leave it open.
+def choose_signs(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
+    """Friction whose sign turns over, joint by joint, as predicts standing rows best, where moving rows leave it open.
 
-    What a joint does below the slow speed has no say in what is named; but of two widths that are as good above it the
-    one is kept that is also right below.
+    What a joint does below the slow speed has no say in what is named; but of two settings that are as good above it
+    the one is kept that is also right below. Friction of the starting model stays as it is.
     """
     evidence = judge.evidence
+    turning = [s for s in current if s.family().turns_sign and not evidence.in_base(s)]
+    evidence.add_slots(
+        [replace(s, settings=settings) for s in turning for settings in travel_settings(judge.settings.sign_travels)]
+    )
     best = list(current)
-    widths = sorted({s.settings for s in candidates if _has_width(s)})
-    for joint in sorted({s.index for s in current if _has_width(s)}):
-        own = [i for i, s in enumerate(best) if s.joint == joint and _has_width(s)]
+    refit(evidence, best)
+    ways = sorted({s.settings for s in evidence.slots if s.family().turns_sign})
+    for joint in sorted({s.index for s in turning}):
+        own = [i for i, s in enumerate(best) if s.joint == joint and s in turning]
         reference = evidence.held_out(best)
         error = evidence.held_out_all_rows(best, joint)
         start = list(best)
-        for settings in widths:
+        for settings in ways:
             trial = [replace(s, settings=settings) if i in own else s for i, s in enumerate(start)]
-            if trial == start or any(s not in candidates for i, s in enumerate(trial) if i in own):
+            if trial == start or not all(evidence.has(s) for s in trial):
                 continue
             errors = evidence.held_out(trial)
             difference = judge.score(errors) - judge.score(reference)
@@ -161,10 +164,6 @@ def choose_widths(judge: Judge, current: Sequence[Slot], candidates: Sequence[Sl
             if value < error:
                 best, error = trial, value
     return best
-
-
-def _has_width(slot: Slot) -> bool:
-    return slot.effect in WIDTHS and ONLY_RUN not in dict(slot.settings)
 
 
 def _useless(judge: Judge, current: Sequence[Slot]) -> Slot | None:

@@ -224,6 +224,8 @@ def _direction(slot: Slot, rng: np.random.Generator) -> Array:
         skew = np.array([[0, -com[2], com[1]], [com[2], 0, -com[0]], [-com[1], com[0], 0]])
         full = np.diag(inertia) - skew @ skew
         return np.array([1.0, *com, full[0, 0], full[0, 1], full[1, 1], full[0, 2], full[1, 2], full[2, 2]])
+    if kind.viscous_powers:
+        return np.ones(kind.size)
     if kind.size == 2:
         angle = rng.uniform(0, 2 * np.pi)
         return np.array([np.cos(angle), np.sin(angle)])

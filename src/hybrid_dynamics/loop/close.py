@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hybrid_dynamics.effects import Effect, Slot, family
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop.augment import Step, choose_widths, effects_of, model_of, refit, search
+from hybrid_dynamics.loop.augment import Step, choose_signs, effects_of, model_of, refit, search
 from hybrid_dynamics.loop.checks import check_logs, check_torque
 from hybrid_dynamics.loop.diagnosis import errors_of, moving_rms, rounded, validate_diagnosis, verdict_of
 from hybrid_dynamics.loop.disturbances import describe, disturbances
@@ -131,7 +131,7 @@ def _close(
         chosen, x = pool(judge, torn)
         held = np.sqrt(judge.mean_square(evidence.held_out(torn, physical=True)))
     else:
-        chosen = choose_widths(judge, _drop_guesses(judge, list(steps[-1].slots)), slots)
+        chosen = choose_signs(judge, _drop_guesses(judge, list(steps[-1].slots)), slots)
         x = refit(evidence, chosen)
         held = np.sqrt(judge.mean_square(evidence.held_out(chosen, physical=True)))
     # The rich model bends less to a residual from which the named effects are already gone.

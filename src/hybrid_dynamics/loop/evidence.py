@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 Indices = NDArray[np.int_]
 
+#: Shares of a joint's fastest speed at which its viscous terms together must oppose the motion.
+_SPEEDS = np.linspace(0.1, 1.0, 10)
 #: Setting of a slot that acts in one run only (an effect fitted run by run).
 ONLY_RUN = "only_run"
 
@@ -60,6 +62,8 @@ class Evidence:
             if slot.family().scope == "joint":
                 own = slot.family().coordinates_of(effect.parameters, base.robot, slot)
                 self._base_places[slot] = self._base_places.get(slot, np.zeros(len(own))) + own
+        #: Fastest speed of every joint in the runs (n,) [rad/s].
+        self.fastest = np.max([np.abs(run.dq).max(axis=0) for run in self.runs], axis=0)
         self.target = [t.copy() for t in self.base_target]
         self._make_blocks()
         self.add_slots(slots)
@@ -273,7 +277,36 @@ class Evidence:
             offset = slot.family().inertial_offset(self.robot, slot)
             if offset is not None:
                 bodies.append((start, offset))
-        return Constraints(lower, tuple(bodies))
+        rows, least = self._speed_rows(layout)
+        return Constraints(lower, tuple(bodies), rows, least)
+
+    def _speed_rows(self, layout: Layout) -> tuple[Array, Array]:
+        """Where a viscous torque is not proportional to speed: all viscous terms of the joint, divided by speed."""
+        places = [(s, start) for s, start in zip(layout.slots, layout.starts, strict=True) if s.family().viscous_powers]
+        own = [(s, x) for s, x in self._base_places.items() if s.family().viscous_powers]
+        rows, least = [], []
+        for j in sorted({s.index for s, _ in places if s.family().viscous_powers != (1,)}):
+            for speed in _SPEEDS * self.fastest[j]:
+                row = np.zeros(layout.total)
+                for slot, start in places:
+                    if slot.joint == j:
+                        row[start : start + slot.family().size] = _per_speed(slot, speed)
+                rows.append(row)
+                least.append(-sum(float(_per_speed(s, speed) @ x) for s, x in own if s.joint == j))
+        return np.array(rows).reshape(len(least), layout.total), np.array(least)
+
+    def has(self, slot: Slot) -> bool:
+        """True where the columns of ``slot`` are there."""
+        return slot in self._columns
+
+    def in_base(self, slot: Slot) -> bool:
+        """True where the starting model has an effect at ``slot``."""
+        return slot in self._base_places
+
+    def may_break_physics(self, slot: Slot) -> bool:
+        """True where a fit with ``slot`` under bounds alone could ask for what cannot exist."""
+        kind = slot.family()
+        return kind.inertial_offset(self.robot, slot) is not None or any(p > 1 for p in kind.viscous_powers)
 
     def normal(
         self, layout: Layout, grams: Sequence[Array], indices: list[tuple[Indices, Indices]] | None = None
@@ -332,9 +365,9 @@ class Evidence:
         return out
 
     def constrained(self, slots: Sequence[Slot]) -> bool:
-        """True where the unconstrained fit of ``slots`` asks for a body that cannot exist."""
+        """True where the fit of ``slots`` under bounds alone asks for a body or a friction that cannot exist."""
         constraints = self.constraints(self.layout(slots))
-        if not constraints.bodies:
+        if not constraints.coupled:
             return False
         x = self.fit(slots, physical=False)
         return not constraints.satisfied(np.maximum(x, constraints.lower))
@@ -367,3 +400,8 @@ class Evidence:
         bread = bread * scale[:, None] * scale[None, :]
         blocks = len(scores)
         return np.asarray(bread @ (scores.T @ scores) @ bread * blocks / max(blocks - 1, 1))
+
+
+def _per_speed(slot: Slot, speed: float) -> Array:
+    """Viscous torque at ``speed`` [rad/s], divided by it, of one unit of each coordinate of ``slot``."""
+    return np.array([speed ** (power - 1) for power in slot.family().viscous_powers])

@@ -92,7 +92,8 @@ def _pairs(slot: Slot, candidates: Sequence[Slot]) -> list[tuple[Slot, Slot]]:
     """Two effects of one coefficient each that could act together where ``slot`` acts."""
     places: dict[Place, Slot] = {}
     for c in candidates:
-        if c.family().scope == "joint" and (slot.joint in (None, c.joint) or slot.family().scope != "joint"):
+        single = c.family().scope == "joint" and c.family().size == 1
+        if single and (slot.joint in (None, c.joint) or slot.family().scope != "joint"):
             places.setdefault((c.effect, c.joint), c)
     return list(combinations(places.values(), 2))
 

@@ -25,14 +25,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Model:
-    """Rigid body plus effects. ``predict`` takes states (T, n) and returns torque (T, n) [N m]."""
+    """Rigid body plus effects. ``predict`` takes the states (T, n) of a run and returns torque (T, n) [N m]."""
 
     robot: Robot
     effects: tuple[Effect, ...] = ()
 
     @cached_property
     def _planted(self) -> tuple[Robot, StateTorque]:
-        return plant(self.robot, self.effects)
+        return plant(self.robot, self.effects, along=True)
 
     @property
     def completed_robot(self) -> Robot:
@@ -40,7 +40,10 @@ class Model:
         return self._planted[0]
 
     def predict(self, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> Array:
-        """Drive torque (T, n) [N m] for whole trajectories; ``time`` (T,) [s] serves effects that depend on it."""
+        """Drive torque (T, n) [N m] for one whole run, rows in the order of time.
+
+        ``time`` (T,) [s] serves effects that depend on it.
+        """
         robot, torque = self._planted
         rigid = robot.inverse_dynamics(q, dq, ddq)
         return rigid + torque(np.asarray(q, float), np.asarray(dq, float), rigid)

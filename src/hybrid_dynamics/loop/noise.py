@@ -83,13 +83,15 @@ def _rich_rows(evidence: Evidence, left: Sequence[Array]) -> Iterator[tuple[int,
     for j in range(evidence.n):
         if evidence.samples[j] < 20:
             continue
-        yield (
-            j,
-            [
-                np.column_stack([evidence.joint_rows(r, j), run.smooth(rich_columns(run, rigid[r], j)), left[r][:, j]])
-                for r, run in enumerate(evidence.runs)
-            ],
-        )
+        own = [evidence.joint_rows(r, j) for r in range(len(evidence.runs))]
+        rich = [run.smooth(rich_columns(run, rigid[r], j)) for r, run in enumerate(evidence.runs)]
+        # A column twice would be held back by the ridge only half as much.
+        new = [k for k in range(rich[0].shape[1]) if not _among(rich[0][:, k], own[0])]
+        yield j, [np.column_stack([o, c[:, new], t[:, j]]) for o, c, t in zip(own, rich, left, strict=True)]
+
+
+def _among(column: Array, columns: Array) -> bool:
+    return bool(np.any(np.all(np.isclose(columns, column[:, None], rtol=1e-9, atol=1e-12), axis=0)))
 
 
 def _ridge(gram: Array, ridge: float) -> Array:

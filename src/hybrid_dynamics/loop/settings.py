@@ -12,7 +12,8 @@ from hybrid_dynamics.loop.process import ProcessSettings
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """``effects``: families that may be named (all registered ones where empty). ``sign_widths`` [rad/s] of friction.
+    """``effects``: families that may be named (all registered ones where empty). ``sign_widths`` [rad/s] and
+    ``sign_travels`` [rad] over which the sign of friction may turn over.
 
     An effect must gain ``gain_in_errors`` standard errors on held-out blocks of ``block`` [s] (a body half as much
     again), lower the mean square residual of a joint by ``floor_share`` squared noise floors and by ``torque_share`` of
@@ -26,6 +27,7 @@ class LoopSettings:
 
     effects: tuple[str, ...] = ()
     sign_widths: tuple[float, ...] = (0.0, 0.01, 0.03, 0.08)
+    sign_travels: tuple[float, ...] = (1e-4, 3e-4, 1e-3)
     block: float = 2.0
     time_folds: int = 4
     gain_in_errors: float = 2.0
@@ -47,6 +49,7 @@ class LoopSettings:
         require(len(set(self.effects)) == len(self.effects), f"effects is {list(self.effects)}; name each only once")
         require(len(self.sign_widths) > 0, "sign_widths is empty; expected at least one width, 0 for a sharp sign")
         require(min(self.sign_widths) >= 0, f"sign_widths is {self.sign_widths}; expected widths >= 0 rad/s")
+        require(all(s > 0 for s in self.sign_travels), f"sign_travels is {self.sign_travels}; expected travels > 0 rad")
         for name, low, high in (
             ("block", 0.05, 60.0),
             ("time_folds", 2, 20),

@@ -1,4 +1,5 @@
-"""Least squares in normal-equation form under physical constraints: lower bounds and bodies that can exist.
+"""Least squares in normal-equation form under physical constraints: lower bounds, friction that opposes the motion at
+every speed seen, and bodies that can exist.
 
 Minimises x'Ax/2 - b'x. Without an active constraint this is one linear solve; otherwise a barrier method (convex, since
 the pseudo-inertia of a body is linear in its parameters: Sousa and Cortesao, IJRR 2014; Wensing et al., RA-L 2018).
@@ -6,7 +7,7 @@ the pseudo-inertia of a body is linear in its parameters: Sousa and Cortesao, IJ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +24,24 @@ _INSIDE = 1.0
 
 @dataclass(frozen=True)
 class Constraints:
-    """``lower`` (K,) bounds; ``bodies``: first index of ten coordinates and the inertia (10,) they are added to."""
+    """``lower`` (K,) bounds; ``bodies``: first index of ten coordinates and the inertia (10,) they are added to.
+
+    ``rows`` (R, K) and ``least`` (R,): ``rows @ x >= least``, coefficients >= 0, met with room at x = 1.
+    """
 
     lower: Array
     bodies: tuple[tuple[int, Array], ...] = ()
+    rows: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    least: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def coupled(self) -> bool:
+        """True where coordinates constrain each other, beyond single bounds."""
+        return bool(self.bodies) or len(self.least) > 0
 
     def satisfied(self, x: Array) -> bool:
         """True where ``x`` meets all of them."""
-        if np.any(x < self.lower):
+        if np.any(x < self.lower) or (len(self.least) and np.any(self.rows @ x < self.least)):
             return False
         return all(
             np.linalg.eigvalsh(np.einsum("k,kij->ij", offset + x[i : i + 10], _BASIS))[0] > 0
@@ -69,9 +80,9 @@ def solve_bounded(a: Array, b: Array, lower: Array) -> Array:
 
 
 def solve(a: Array, b: Array, constraints: Constraints) -> Array:
-    """Minimiser under all ``constraints``; exact where none of the bodies is active, else within a small barrier."""
+    """Minimiser under all ``constraints``; exact where only bounds are active, else within a small barrier."""
     x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
-    if not constraints.bodies or constraints.satisfied(np.maximum(x, constraints.lower)):
+    if not constraints.coupled or constraints.satisfied(np.maximum(x, constraints.lower)):
         return x
     return _barrier(a, b, constraints)
 
@@ -81,6 +92,9 @@ def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
     lower = constraints.lower[bounded]
     x = np.zeros(len(b))
     x[bounded] = lower + _INSIDE
+    least = constraints.least
+    rows = constraints.rows if len(least) else np.zeros((0, len(b)))
+    x[np.any(rows != 0, axis=0)] = _INSIDE
     for i, _ in constraints.bodies:
         x[i : i + 10] = _SEED
 
@@ -88,7 +102,7 @@ def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
         return [np.einsum("k,kij->ij", offset + point[i : i + 10], _BASIS) for i, offset in constraints.bodies]
 
     def value(point: Array, mu: float) -> float:
-        gap = point[bounded] - lower
+        gap = np.concatenate([point[bounded] - lower, rows @ point - least])
         if np.any(gap <= 0):
             return np.inf
         total = 0.5 * point @ a @ point - b @ point - mu * np.log(gap).sum()
@@ -113,6 +127,9 @@ def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
             gap = x[bounded] - lower
             gradient[bounded] -= mu / gap
             hessian[bounded, bounded] += mu / gap**2
+            room = rows @ x - least
+            gradient -= rows.T @ (mu / room)
+            hessian += rows.T @ ((mu / room**2)[:, None] * rows)
             for (i, _offset), matrix in zip(constraints.bodies, matrices(x), strict=True):
                 inverse = np.linalg.inv(matrix + 1e-14 * np.trace(matrix) * np.eye(4))
                 products = inverse @ _BASIS

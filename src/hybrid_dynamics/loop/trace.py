@@ -85,9 +85,9 @@ class Judge:
 def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Array) -> list[Candidate]:
     """Evidence table of one step, best first. ``before`` (blocks, n): held-out errors of the current slots.
 
-    The fit of inertial candidates is first unconstrained; those that come out on top are judged again with their
-    inertia held physical, so that an impossible body never wins. Where the current model already wants an impossible
-    body, that alone would make every candidate look good: then all are held physical.
+    Bodies and nonlinear friction are first fitted free; those that come out on top are judged again held physical, so
+    that what cannot exist never wins. Where the current model already wants the impossible, that alone would make
+    every candidate look good: then all are held physical.
     """
     evidence, settings = judge.evidence, judge.settings
     total = float(evidence.samples[evidence.samples >= 20].sum()) or 1.0
@@ -100,7 +100,7 @@ def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], befo
         if pressed and any(same_place(slot, other) for other in held):
             continue  # its width is chosen afterwards
         held[slot] = evidence.held_out([*current, slot], physical=pressed)
-    settled: set[Slot] = {s for s in held if pressed or s.family().inertial_offset(evidence.robot, s) is None}
+    settled: set[Slot] = {s for s in held if pressed or not evidence.may_break_physics(s)}
     order: list[Slot] = []
     while True:
         order = sorted(held, key=lambda s: (float(judge.score(held[s]).sum()), s.family().size, _key(s)))
