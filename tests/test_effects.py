@@ -24,6 +24,9 @@ EXAMPLES = {
     "payload": Effect("payload", (), BODY),
     "link_inertia": Effect("link_inertia", JOINT, BODY),
     "load_dependent_friction": Effect("load_dependent_friction", JOINT, {"load_coefficient": 0.05}),
+    "nonlinear_viscous_friction": Effect(
+        "nonlinear_viscous_friction", JOINT, {"quadratic_coefficient": -0.3, "cubic_coefficient": 0.2}
+    ),
     "gravity_tilt": Effect("gravity_tilt", (), {"roll": 1e-5, "pitch": -2e-5}),
 }
 

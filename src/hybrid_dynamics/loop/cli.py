@@ -163,6 +163,7 @@ def run_predict(args: argparse.Namespace) -> int:
         # Only the motion is used; `process` passes measured torque through the same filter, so it gets zeros.
         run = process(piece.with_signals(tau=np.zeros_like(piece["q"])), robot, ProcessSettings())
         motion = run.motion
+        notices += model.outrun(motion.dq)
         tau = run.smooth(model.predict(motion.q, motion.dq, motion.ddq, motion.time))
         columns["time"].extend(run.time)
         for j in range(robot.n_joints):

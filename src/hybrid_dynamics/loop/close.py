@@ -144,6 +144,7 @@ def _close(
     if torn:
         models[-1] = base.adding(effects_of(evidence, chosen, x, evidence.covariance(chosen, x)))
     model = models[-1]
+    notes += model.outrun(np.concatenate([run.motion.dq for run in tests]))
     tolerated = np.sqrt(1 + settings.floor_tolerance**2) * floor
     explained = ~seen | (held <= tolerated)
     # Of what is left on held-out samples, the share that is not noise.

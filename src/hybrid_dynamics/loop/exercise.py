@@ -56,7 +56,7 @@ def exercise(
     q[:, list(still)] = centre[list(still)]
     spline = make_interp_spline(time, q, k=7)
     dq, ddq = spline(time, 1), spline(time, 2)
-    changed, torque = plant(robot, effects)
+    changed, torque = plant(robot, effects, along=True)
     rigid = changed.inverse_dynamics(q, dq, ddq)
     tau = rigid + torque(q, dq, rigid)
     tau += rng.normal(size=tau.shape) * torque_noise_share * robot.effort_limits

@@ -55,6 +55,33 @@ class Model:
         step = 1e-6 * np.maximum(np.abs(rigid), 1.0)
         return np.asarray((torque(q, dq, rigid + step) - torque(q, dq, rigid - step)) / (2 * step))
 
+    def outrun(self, dq: Array) -> list[str]:
+        """A line for every joint whose viscous terms would drive it at speeds within ``dq`` (T, n) [rad/s].
+
+        They oppose the motion at all speeds the model was fitted on; beyond, a polynomial goes where it likes.
+        """
+        lines = []
+        for j, name in enumerate(self.robot.joint_names):
+            terms = [
+                (power, x)
+                for slot, own in self._places()
+                if slot.joint == j
+                for power, x in zip(slot.family().viscous_powers, own, strict=False)
+            ]
+            speeds = np.linspace(0.0, np.abs(dq[:, j]).max(), 200)[1:]
+            driven = sum((x * speeds ** (power - 1) for power, x in terms), np.zeros_like(speeds)) < -1e-9
+            if driven.any():
+                lines.append(
+                    f"{name} moves at up to {speeds[-1]:.3g} rad/s, faster than where its friction was fitted: from "
+                    f"{speeds[driven][0]:.3g} rad/s on the model's viscous friction would drive it; fit on faster runs"
+                )
+        return lines
+
+    def _places(self) -> list[tuple[Slot, Array]]:
+        """Slot and coordinates of every effect."""
+        placed = [(e.slot(self.robot), e) for e in self.effects]
+        return [(slot, slot.family().coordinates_of(e.parameters, self.robot, slot)) for slot, e in placed]
+
     def adding(self, effects: Iterable[Effect]) -> Model:
         """A model with ``effects`` appended."""
         return Model(self.robot, (*self.effects, *effects))
@@ -149,9 +176,7 @@ def _check_physics(model: Model) -> None:
     A later effect may lessen an earlier one at the same place: their sum counts.
     """
     sums: dict[Slot, Array] = {}
-    for effect in model.effects:
-        slot = effect.slot(model.robot)
-        own = slot.family().coordinates_of(effect.parameters, model.robot, slot)
+    for slot, own in model._places():
         sums[slot] = sums.get(slot, np.zeros(len(own))) + own
     for slot, total in sums.items():
         kind = slot.family()

@@ -1,0 +1,128 @@
+"""Friction curves: not proportional to speed, and a sign that turns over a speed or over a travel."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.effects.sign import travelled_sign
+from hybrid_dynamics.loop import Model, close_loop
+from hybrid_dynamics.loop.exercise import exercise, exercises
+from hybrid_dynamics.loop.solve import Constraints, solve
+from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.trajectory import Trajectory
+
+JOINT = ("panda_joint2",)
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return Robot.from_urdf(find_description("panda.urdf"), lock=("panda_finger_joint1", "panda_finger_joint2"))
+
+
+def thinning() -> list[Effect]:
+    """Coulomb friction and a viscous friction that grows less than speed does."""
+    return [
+        Effect("coulomb_friction", JOINT, {"coulomb_torque": 2.0}),
+        Effect("viscous_friction", JOINT, {"viscous_coefficient": 9.0}),
+        Effect("nonlinear_viscous_friction", JOINT, {"quadratic_coefficient": -4.0, "cubic_coefficient": 0.6}),
+    ]
+
+
+def test_a_viscous_friction_that_grows_less_than_speed_is_named_with_its_curve(panda):
+    train, test = exercises(panda, thinning(), train=3, test=1, duration=8.0)
+    result = close_loop(panda, train, test)
+    found = {e["effect"]: e for e in result.diagnosis["effects"]}
+    assert sorted(found) == ["coulomb_friction", "nonlinear_viscous_friction", "viscous_friction"]
+    assert all(e["joints"] == list(JOINT) for e in found.values())
+    assert result.diagnosis["verdict"] == "explained"
+    # Quadratic and cubic coefficients are alike; the curve they make together is what the data determines.
+    fastest = max(np.abs(run.dq[:, 1]).max() for run in result.train)
+    dq = np.zeros((50, 7))
+    dq[:, 1] = np.linspace(0.1, fastest, 50)
+    still = np.zeros_like(dq)
+    curve = [m.predict(still, dq, still)[:, 1] for m in (result.model, Model(panda, tuple(thinning())))]
+    np.testing.assert_allclose(curve[0] - curve[1], 0, atol=0.02 * np.abs(curve[1]).max())
+
+
+def rests(robot: Robot, effects: list[Effect], seed: int) -> Trajectory:
+    """A run that comes to rest for a second every two seconds, always short of a reversal or just after one."""
+    run = exercise(robot, [], name=f"run_{seed}", seed=seed, duration=12.0, torque_noise_share=0.0, encoder_bits=0)
+    # Time stands still in every third second: the path is the same, its speed falls to zero and rises again.
+    phase = np.mod(run.time, 3.0)
+    pace = np.where(phase < 2.0, np.sin(np.pi * phase / 2.0) ** 2 * 1.5, 0.0)
+    s = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * run.dt)])
+    q = np.column_stack([np.interp(s, run.time, column) for column in run["q"].T])
+    dq = np.gradient(q, run.dt, axis=0)
+    tau = Model(robot, tuple(effects)).predict(q, dq, np.gradient(dq, run.dt, axis=0), run.time)
+    noise = np.random.default_rng(seed).normal(size=tau.shape) * 0.003 * robot.effort_limits
+    return Trajectory(f"run_{seed}", "train", run.time, {"q": q, "tau": tau + noise})
+
+
+@pytest.mark.parametrize("planted", [{"sign_travel": 3e-4}, {"sign_width": 0.03}])
+def test_standing_rows_tell_a_sign_over_a_travel_from_one_over_a_speed(planted, panda):
+    effects = [Effect("coulomb_friction", JOINT, {"coulomb_torque": 4.0}, planted)]
+    runs = [rests(panda, effects, seed) for seed in range(3)]
+    diagnosis = close_loop(panda, runs[:2], runs[2:]).diagnosis
+    assert [(e["effect"], tuple(e["joints"])) for e in diagnosis["effects"]] == [("coulomb_friction", JOINT)]
+    assert set(diagnosis["effects"][0]["settings"]) == set(planted)
+    # Right at rest as well: what is left over all rows is no more than the noise.
+    assert diagnosis["error"]["test"]["after"]["rmse"][1] < 1.15 * diagnosis["noise_floor"][1]
+    assert diagnosis["effects"][0]["parameters"][0]["value"] == pytest.approx(4.0, rel=0.01)
+
+
+paths = st.lists(st.floats(-1e-2, 1e-2), min_size=2, max_size=30)
+
+
+@settings(max_examples=60, deadline=None)
+@given(paths, st.floats(1e-4, 1e-2))
+def test_a_travelled_sign_is_bounded_takes_energy_and_solves_its_equation(corners, travel):
+    q = np.interp(np.linspace(0, len(corners) - 1, 400 * len(corners)), np.arange(len(corners)), corners)
+    z = travelled_sign(q, travel)
+    assert np.all(np.abs(z) <= 1)
+    step = np.diff(q)
+    # dz = (1 - z sign) |dq| / travel, exactly between two rows: the tanh-free form of Dahl's equation.
+    expected = np.sign(step) + (z[:-1] - np.sign(step)) * np.exp(-np.abs(step) / travel)
+    np.testing.assert_allclose(z[1:], np.where(step == 0, z[:-1], expected), atol=1e-12)
+    # Starting with nothing stored it can only take energy (trapezoids are right to second order in the step).
+    work = np.cumsum(0.5 * (z[1:] + z[:-1]) * step)
+    assert np.all(work > -1e-3 * travel - np.cumsum(np.abs(step) ** 3) / travel**2)
+
+
+def test_friction_that_would_drive_at_a_speed_seen_is_held_back():
+    """Viscous and nonlinear coordinates (fv, f2, f3); the free fit turns negative at 2 rad/s."""
+    speed = np.linspace(0.05, 2.0, 80)
+    columns = np.column_stack([speed, speed**2, speed**3])
+    target = 3.0 * speed - 2.5 * speed**2
+    a, b = columns.T @ columns * 1e4, columns.T @ target * 1e4
+    v = 2.0 * np.linspace(0.1, 1, 10)
+    rows = np.column_stack([np.ones_like(v), v, v**2])
+    limits = Constraints(np.array([0.0, -np.inf, -np.inf]), (), rows, np.zeros(10))
+    free = solve(a, b, Constraints(limits.lower))
+    assert (rows @ free).min() < -1.0
+    x = solve(a, b, limits)
+    assert (rows @ x).min() >= 0
+    reference = minimize(
+        lambda y: np.mean((columns @ y - target) ** 2),
+        np.ones(3),
+        constraints=[{"type": "ineq", "fun": lambda y: rows @ y}, {"type": "ineq", "fun": lambda y: y[:1]}],
+        method="SLSQP",
+        options={"ftol": 1e-14, "maxiter": 500},
+    )
+    assert np.mean((columns @ x - target) ** 2) <= reference.fun * 1.001
+    # A starting model that brakes as much leaves room: then the free optimum is allowed.
+    room = Constraints(np.array([-4.0, -np.inf, -np.inf]), (), rows, np.full(10, -4.0))
+    np.testing.assert_allclose(solve(a, b, room), free, atol=1e-6)
+
+
+def test_speeds_beyond_those_fitted_are_told_where_friction_would_drive(panda):
+    model = Model(panda, tuple(thinning()))
+    dq = np.zeros((10, 7))
+    dq[:, 1] = np.linspace(-2.0, 2.0, 10)
+    assert model.outrun(dq) == []
+    bad = Effect("nonlinear_viscous_friction", JOINT, {"quadratic_coefficient": -1.0, "cubic_coefficient": 0.0})
+    (line,) = model.adding([bad, bad]).outrun(2 * dq)
+    assert "panda_joint2 moves at up to 4 rad/s" in line
+    assert "would drive it" in line
