@@ -192,6 +192,7 @@ def _replace(
 ) -> list[Slot] | None:
     """One or two effects replaced by another candidate: surely better, or as good and simpler.
 
+    A newcomer must surely explain something itself: by being simpler alone nothing gets in.
     Trials are screened without the constraints of bodies; what passes is judged with them.
     """
     evidence = judge.evidence
@@ -204,6 +205,7 @@ def _replace(
     for group in groups:
         rest = [s for s in current if s not in group]
         size = sum(s.family().size for s in group)
+        without: Array | None = None
         for slot in candidates:
             trial = [*rest, slot]
             if any(same_place(slot, s) for s in current) or frozenset(trial) in seen:
@@ -214,7 +216,12 @@ def _replace(
                 continue
             difference = judge.score(evidence.held_out(trial, physical=True)) - physical
             loss = float(difference.sum())
-            if _better(judge, difference, simpler) and (best is None or loss < best[0]):
+            if not _better(judge, difference, simpler) or (best is not None and loss >= best[0]):
+                continue
+            if without is None:
+                without = judge.score(evidence.held_out(rest, physical=True))
+            gain = without - physical - difference
+            if float(gain.sum()) > judge.settings.gain_in_errors * judge.standard_error(gain):
                 best = (loss, trial)
     return None if best is None else best[1]
 

@@ -1,8 +1,8 @@
 """From what the model leaves to the next named cause: candidates compete on held-out runs.
 
 One step ranks all candidate slots by the held-out error of a joint re-fit of the model with that slot. Among those
-within one standard error of the best the simplest wins (Breiman et al. 1984); it is accepted when its gain is certain
-and large enough to matter.
+within one standard error of the best, or worse by nothing that matters, the simplest wins (Breiman et al. 1984); it is
+accepted when its gain is certain and large enough to matter.
 """
 
 from __future__ import annotations
@@ -66,6 +66,18 @@ class Judge:
         """Standard error of the sum of block-wise differences (blocks,)."""
         return float(np.sqrt(len(difference) * np.var(difference, ddof=1))) if len(difference) > 1 else 0.0
 
+    def as_good(self, errors: Array, best: Array) -> bool:
+        """True where ``errors`` (blocks, n) exceed ``best`` within one standard error, or by nothing that matters."""
+        difference = self.score(errors) - self.score(best)
+        growth = self.mean_square(errors) - self.mean_square(best)
+        return bool(
+            difference.sum() <= self.standard_error(difference) or np.all(growth <= self._bar(self.settings.keep_share))
+        )
+
+    def _bar(self, share: float) -> Array:
+        """Mean square (n,) [N m]^2 below which a change is of no practical size."""
+        return np.maximum(share * self.floor**2, self.settings.torque_share * self.torque_variance)
+
     def needed(self, slot: Slot) -> int:
         """On how many joints an effect must show: a whole-robot effect seen on one joint is a proxy for a local one."""
         if slot.family().scope != "robot":
@@ -77,9 +89,8 @@ class Judge:
 
         A gain elsewhere comes from what the effect allows the others to do: a proxy, unless it is ``decisive``.
         """
-        bar = np.maximum(share * self.floor**2, self.settings.torque_share * self.torque_variance)
         counted = np.ones(self.evidence.n, bool) if decisive else self.evidence.acts(slot)
-        return int(np.sum((joint_gain > bar) & counted)) >= self.needed(slot)
+        return int(np.sum((joint_gain > self._bar(share)) & counted)) >= self.needed(slot)
 
 
 def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Array) -> list[Candidate]:
@@ -89,9 +100,7 @@ def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], befo
     that what cannot exist never wins. Where the current model already wants the impossible, that alone would make
     every candidate look good: then all are held physical.
     """
-    evidence, settings = judge.evidence, judge.settings
-    total = float(evidence.samples[evidence.samples >= 20].sum()) or 1.0
-    score_before = judge.score(before)
+    evidence = judge.evidence
     pressed = evidence.constrained(current)
     held: dict[Slot, Array] = {}
     for slot in candidates:
@@ -101,47 +110,42 @@ def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], befo
             continue  # its width is chosen afterwards
         held[slot] = evidence.held_out([*current, slot], physical=pressed)
     settled: set[Slot] = {s for s in held if pressed or not evidence.may_break_physics(s)}
-    order: list[Slot] = []
     while True:
         order = sorted(held, key=lambda s: (float(judge.score(held[s]).sum()), s.family().size, _key(s)))
-        top = order[0] if order else None
-        if top is None:
+        rows = {s: _judged(judge, s, before, held[s]) for s in order}
+        # Of those that may be named the best, and of its rivals the simplest; without any, the same of all.
+        pool = [s for s in order if rows[s].accepted] or order
+        if not pool:
             return []
-        best = judge.score(held[top])
-        rivals = [
-            s
-            for s in order
-            if float((judge.score(held[s]) - best).sum()) <= judge.standard_error(judge.score(held[s]) - best)
-        ]
+        rivals = [s for s in pool if judge.as_good(held[s], held[pool[0]])]
         open_ones = [s for s in rivals if s not in settled]
         if not open_ones:
             break
         held[open_ones[0]] = evidence.held_out([*current, open_ones[0]], physical=True)
         settled.add(open_ones[0])
     chosen = min(rivals, key=lambda s: (s.family().size, float(judge.score(held[s]).sum()), _key(s)))
-    table = []
-    for slot in [chosen, *(s for s in order if s != chosen)]:
-        difference = score_before - judge.score(held[slot])
-        gain, error = float(difference.sum()), judge.standard_error(difference)
-        joint_gain = judge.mean_square(before) - judge.mean_square(held[slot])
-        # Ten free numbers find something in any few runs: a body must be surer.
-        sureness = settings.gain_in_errors * (1.5 if slot.family().size == 10 else 1.0)
-        certain = gain > sureness * error and gain > 0
-        matters = judge.matters(slot, joint_gain, settings.floor_share, gain > DECISIVE * error)
-        accepted = certain and matters
-        reason = "accepted" if accepted else ("too small to matter" if certain else "within uncertainty")
-        table.append(
-            Candidate(
-                slot,
-                float(judge.score(held[slot]).sum()) / total,
-                gain / total,
-                error / total,
-                tuple(float(g) for g in joint_gain),
-                accepted,
-                reason,
-            )
-        )
-    return table
+    return [rows[chosen], *(rows[s] for s in order if s != chosen)]
+
+
+def _judged(judge: Judge, slot: Slot, before: Array, errors: Array) -> Candidate:
+    """The row of ``slot`` in the evidence table, from held-out errors (blocks, n) without and with it."""
+    total = float(judge.evidence.samples[judge.evidence.samples >= 20].sum()) or 1.0
+    difference = judge.score(before) - judge.score(errors)
+    gain, error = float(difference.sum()), judge.standard_error(difference)
+    joint_gain = judge.mean_square(before) - judge.mean_square(errors)
+    # Ten free numbers find something in any few runs: a body must be surer.
+    sureness = judge.settings.gain_in_errors * (1.5 if slot.family().size == 10 else 1.0)
+    certain = gain > sureness * error and gain > 0
+    accepted = certain and judge.matters(slot, joint_gain, judge.settings.floor_share, gain > DECISIVE * error)
+    return Candidate(
+        slot,
+        float(judge.score(errors).sum()) / total,
+        gain / total,
+        error / total,
+        tuple(float(g) for g in joint_gain),
+        accepted,
+        "accepted" if accepted else ("too small to matter" if certain else "within uncertainty"),
+    )
 
 
 def _key(slot: Slot) -> tuple[str, int, str]:
