@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Motion, Slot
 from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.physics import breakable, physical_constraints
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
@@ -25,8 +26,6 @@ Array = NDArray[np.float64]
 
 Indices = NDArray[np.int_]
 
-#: Shares of a joint's fastest speed at which its viscous terms together must oppose the motion.
-_SPEEDS = np.linspace(0.1, 1.0, 10)
 #: Setting of a slot that acts in one run only (an effect fitted run by run).
 ONLY_RUN = "only_run"
 
@@ -268,32 +267,9 @@ class Evidence:
         return out
 
     def constraints(self, layout: Layout) -> Constraints:
-        # What the starting model has may become less: the sum must stay physical.
-        lower = np.concatenate(
-            [s.family().lower_bounds() - self._base_places.get(s, 0.0) for s in layout.slots] or [np.zeros(0)]
+        return physical_constraints(
+            layout.slots, layout.starts, layout.total, self._base_places, self.robot, self.fastest
         )
-        bodies = []
-        for slot, start in zip(layout.slots, layout.starts, strict=True):
-            offset = slot.family().inertial_offset(self.robot, slot)
-            if offset is not None:
-                bodies.append((start, offset))
-        rows, least = self._speed_rows(layout)
-        return Constraints(lower, tuple(bodies), rows, least)
-
-    def _speed_rows(self, layout: Layout) -> tuple[Array, Array]:
-        """Where a viscous torque is not proportional to speed: all viscous terms of the joint, divided by speed."""
-        places = [(s, start) for s, start in zip(layout.slots, layout.starts, strict=True) if s.family().viscous_powers]
-        own = [(s, x) for s, x in self._base_places.items() if s.family().viscous_powers]
-        rows, least = [], []
-        for j in sorted({s.index for s, _ in places if s.family().viscous_powers != (1,)}):
-            for speed in _SPEEDS * self.fastest[j]:
-                row = np.zeros(layout.total)
-                for slot, start in places:
-                    if slot.joint == j:
-                        row[start : start + slot.family().size] = _per_speed(slot, speed)
-                rows.append(row)
-                least.append(-sum(float(_per_speed(s, speed) @ x) for s, x in own if s.joint == j))
-        return np.array(rows).reshape(len(least), layout.total), np.array(least)
 
     def has(self, slot: Slot) -> bool:
         """True where the columns of ``slot`` are there."""
@@ -305,8 +281,7 @@ class Evidence:
 
     def may_break_physics(self, slot: Slot) -> bool:
         """True where a fit with ``slot`` under bounds alone could ask for what cannot exist."""
-        kind = slot.family()
-        return kind.inertial_offset(self.robot, slot) is not None or any(p > 1 for p in kind.viscous_powers)
+        return breakable(slot, self.robot)
 
     def normal(
         self, layout: Layout, grams: Sequence[Array], indices: list[tuple[Indices, Indices]] | None = None
@@ -400,8 +375,3 @@ class Evidence:
         bread = bread * scale[:, None] * scale[None, :]
         blocks = len(scores)
         return np.asarray(bread @ (scores.T @ scores) @ bread * blocks / max(blocks - 1, 1))
-
-
-def _per_speed(slot: Slot, speed: float) -> Array:
-    """Viscous torque at ``speed`` [rad/s], divided by it, of one unit of each coordinate of ``slot``."""
-    return np.array([speed ** (power - 1) for power in slot.family().viscous_powers])

@@ -115,6 +115,11 @@ def _effects(d: dict[str, Any]) -> str:
         "(drive gains) comes on top: it scales masses and friction alike. A negative change lessens an effect that the "
         "starting model has.</p>"
     )
+    if any(entry["settings"] for entry in d["effects"]):
+        out.append(
+            "<p>At a reversal the sign of friction turns over a speed (sign_width [rad/s]), over a travel (sign_travel "
+            "[rad]; a joint at rest then keeps the friction of its last motion), or, without a setting, at once.</p>"
+        )
     for entry in d["effects"]:
         where = entry["joints"][0] if entry["joints"] else "whole robot"
         for other in entry["indistinguishable_from"]:
