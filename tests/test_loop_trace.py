@@ -35,9 +35,6 @@ class Told:
     def constrained(self, slots: Any) -> bool:
         return False
 
-    def may_break_physics(self, slot: Slot) -> bool:
-        return False
-
 
 def judge(errors: dict[frozenset[Slot], np.ndarray]) -> Judge:
     """Noise floor 1 N m: ten samples a block make 10 (N m)^2 of noise."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Motion, Slot
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.loop.physics import breakable, physical_constraints
+from hybrid_dynamics.loop.physics import physical_constraints
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
@@ -278,10 +278,6 @@ class Evidence:
     def in_base(self, slot: Slot) -> bool:
         """True where the starting model has an effect at ``slot``."""
         return slot in self._base_places
-
-    def may_break_physics(self, slot: Slot) -> bool:
-        """True where a fit with ``slot`` under bounds alone could ask for what cannot exist."""
-        return breakable(slot, self.robot)
 
     def normal(
         self, layout: Layout, grams: Sequence[Array], indices: list[tuple[Indices, Indices]] | None = None

@@ -45,12 +45,6 @@ def physical_constraints(
     return Constraints(lower, tuple(bodies), np.array(rows).reshape(len(least), total), np.array(least))
 
 
-def breakable(slot: Slot, robot: Robot) -> bool:
-    """True where a fit of ``slot`` under bounds alone could ask for what cannot exist."""
-    kind = slot.family()
-    return kind.inertial_offset(robot, slot) is not None or any(p > 1 for p in kind.viscous_powers)
-
-
 def _per_speed(slot: Slot, speed: float) -> Array:
     """Viscous torque at ``speed`` [rad/s], divided by it, of one unit of each coordinate of ``slot``."""
     return np.array([speed ** (power - 1) for power in slot.family().viscous_powers])

@@ -1,25 +1,38 @@
 """Least squares in normal-equation form under physical constraints: lower bounds, friction that opposes the motion at
 every speed seen, and bodies that can exist.
 
-Minimises x'Ax/2 - b'x. Without an active constraint this is one linear solve; otherwise a barrier method (convex, since
-the pseudo-inertia of a body is linear in its parameters: Sousa and Cortesao, IJRR 2014; Wensing et al., RA-L 2018).
+Minimises x'Ax/2 - b'x. Without an active constraint this is one linear solve; otherwise a cone program for Clarabel
+(convex, since the pseudo-inertia of a body is linear in its parameters: Sousa and Cortesao, IJRR 2014; Wensing et al.,
+RA-L 2018).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import clarabel
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
 
 from hybrid_dynamics.effects.inertia import pseudo_inertia_basis
 
 Array = NDArray[np.float64]
 
 _BASIS = pseudo_inertia_basis()
-#: A solid body (kg, kg m^2) and a distance from bounds that make the starting point strictly feasible, well inside.
-_SEED = np.array([3.0, 0.0, 0.0, 0.0, 3e-2, 0.0, 3e-2, 0.0, 0.0, 3e-2])
-_INSIDE = 1.0
+#: Smallest eigenvalue (kg, kg m^2) of a fitted pseudo-inertia: inside, beyond the solver's tolerance.
+_MARGIN = 1e-8
+
+
+def _cone_rows() -> tuple[Array, Array]:
+    """Maps (10, 10) inertial parameters, and the margin (10,), to the upper triangle in Clarabel's scaling."""
+    upper = [(i, j) for j in range(4) for i in range(j + 1)]
+    scale = np.array([1.0 if i == j else np.sqrt(2.0) for i, j in upper])
+    pick = tuple(np.array(upper).T)
+    return scale[:, None] * np.array([m[pick] for m in _BASIS]).T, scale * _MARGIN * np.eye(4)[pick]
+
+
+_TRIANGLE, _INSIDE = _cone_rows()
 
 
 @dataclass(frozen=True)
@@ -80,71 +93,52 @@ def solve_bounded(a: Array, b: Array, lower: Array) -> Array:
 
 
 def solve(a: Array, b: Array, constraints: Constraints) -> Array:
-    """Minimiser under all ``constraints``; exact where only bounds are active, else within a small barrier."""
+    """Minimiser under all ``constraints``; exact where only bounds are active, else to the solver's tolerance."""
     x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
     if not constraints.coupled or constraints.satisfied(np.maximum(x, constraints.lower)):
         return x
-    return _barrier(a, b, constraints)
+    return _solve_cones(a, b, constraints)
 
 
-def _barrier(a: Array, b: Array, constraints: Constraints) -> Array:
+def _solve_cones(a: Array, b: Array, constraints: Constraints) -> Array:
+    """Minimise over y, x = scale * y: unit diagonal, linear term of size one; h - G y must lie in the cones."""
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+    size = max(float(np.abs(b * unit).max()), 1e-300)
+    scale = unit * size
     bounded = np.flatnonzero(np.isfinite(constraints.lower))
-    lower = constraints.lower[bounded]
-    x = np.zeros(len(b))
-    x[bounded] = lower + _INSIDE
-    least = constraints.least
-    rows = constraints.rows if len(least) else np.zeros((0, len(b)))
-    x[np.any(rows != 0, axis=0)] = _INSIDE
-    for i, _ in constraints.bodies:
-        x[i : i + 10] = _SEED
-
-    def matrices(point: Array) -> list[Array]:
-        return [np.einsum("k,kij->ij", offset + point[i : i + 10], _BASIS) for i, offset in constraints.bodies]
-
-    def value(point: Array, mu: float) -> float:
-        gap = np.concatenate([point[bounded] - lower, rows @ point - least])
-        if np.any(gap <= 0):
-            return np.inf
-        total = 0.5 * point @ a @ point - b @ point - mu * np.log(gap).sum()
-        for matrix in matrices(point):
-            try:
-                diagonal = np.diag(np.linalg.cholesky(matrix))
-            except np.linalg.LinAlgError:
-                return np.inf
-            if diagonal.min() < 1e-8 * diagonal.max():
-                return np.inf
-            total -= 2 * mu * np.log(diagonal).sum()
-        return float(total)
-
-    # Barrier weights in units of the objective (squared errors in noise floors): from far above to far below one.
-    size = float(b @ solve_free(a, b))
-    mu, last = max(1e4, 1e-3 * size), max(1e-3, 1e-9 * size)
-    while mu > last:
-        # On the way only near the central path; on it at the end.
-        near = 1e-6 if 0.1 * mu <= last else 0.1
-        for _ in range(30):
-            gradient, hessian = a @ x - b, a.copy()
-            gap = x[bounded] - lower
-            gradient[bounded] -= mu / gap
-            hessian[bounded, bounded] += mu / gap**2
-            room = rows @ x - least
-            gradient -= rows.T @ (mu / room)
-            hessian += rows.T @ ((mu / room**2)[:, None] * rows)
-            for (i, _offset), matrix in zip(constraints.bodies, matrices(x), strict=True):
-                inverse = np.linalg.inv(matrix + 1e-14 * np.trace(matrix) * np.eye(4))
-                products = inverse @ _BASIS
-                gradient[i : i + 10] -= mu * np.trace(products, axis1=1, axis2=2)
-                turned = products.transpose(0, 2, 1).reshape(10, 16)
-                hessian[i : i + 10, i : i + 10] += mu * products.reshape(10, 16) @ turned.T
-            step = -solve_free(hessian, gradient)
-            decrement = -float(gradient @ step)
-            if decrement < near * mu:
-                break
-            length, start = 1.0, value(x, mu)
-            while length > 1e-10 and not value(x + length * step, mu) <= start - 1e-4 * length * decrement:
-                length *= 0.5
-            if length <= 1e-10:
-                break
-            x = x + length * step
-        mu *= 0.1
-    return x
+    bounds = np.zeros((len(bounded), len(b)))
+    bounds[np.arange(len(bounded)), bounded] = 1.0
+    count = len(bounded) + len(constraints.least)
+    blocks = [(bounds, constraints.lower[bounded])]
+    if len(constraints.least):
+        blocks.append((constraints.rows, constraints.least))
+    cones = [clarabel.NonnegativeConeT(count)] if count else []
+    for start, offset in constraints.bodies:
+        body = np.zeros((10, len(b)))
+        body[:, start : start + 10] = _TRIANGLE
+        blocks.append((body, _INSIDE - _TRIANGLE @ offset))
+        cones.append(clarabel.PSDTriangleConeT(4))
+    left, least = [], []
+    for k, (rows, limit) in enumerate(blocks):
+        scaled = rows * scale
+        # Rows of a half space may be scaled one by one, those of a body only together.
+        length = np.abs(scaled).max(axis=1) if k < len(blocks) - len(constraints.bodies) else np.abs(scaled).max()
+        length = np.where(length > 0, length, 1.0)
+        left.append(-(scaled.T / length).T)
+        least.append(-limit / length)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
+    solver = clarabel.DefaultSolver(
+        csc_matrix(np.triu(a * unit[:, None] * unit)),
+        -b * unit / size,
+        csc_matrix(np.vstack(left)),
+        np.concatenate(least),
+        cones,
+        settings,
+    )
+    solution = solver.solve()
+    if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+        raise RuntimeError(f"the physically consistent fit of {len(b)} coordinates ended as {solution.status}")
+    return np.asarray(np.maximum(scale * np.array(solution.x), constraints.lower))

@@ -96,9 +96,7 @@ class Judge:
 def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Array) -> list[Candidate]:
     """Evidence table of one step, best first. ``before`` (blocks, n): held-out errors of the current slots.
 
-    Bodies and nonlinear friction are first fitted free; those that come out on top are judged again held physical, so
-    that what cannot exist never wins. Where the current model already wants the impossible, that alone would make
-    every candidate look good: then all are held physical.
+    All fits are held physical, so that what cannot exist never wins.
     """
     evidence = judge.evidence
     pressed = evidence.constrained(current)
@@ -107,22 +105,15 @@ def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], befo
         if any(same_place(slot, other) for other in current):
             continue
         if pressed and any(same_place(slot, other) for other in held):
-            continue  # its width is chosen afterwards
-        held[slot] = evidence.held_out([*current, slot], physical=pressed)
-    settled: set[Slot] = {s for s in held if pressed or not evidence.may_break_physics(s)}
-    while True:
-        order = sorted(held, key=lambda s: (float(judge.score(held[s]).sum()), s.family().size, _key(s)))
-        rows = {s: _judged(judge, s, before, held[s]) for s in order}
-        # Of those that may be named the best, and of its rivals the simplest; without any, the same of all.
-        pool = [s for s in order if rows[s].accepted] or order
-        if not pool:
-            return []
-        rivals = [s for s in pool if judge.as_good(held[s], held[pool[0]])]
-        open_ones = [s for s in rivals if s not in settled]
-        if not open_ones:
-            break
-        held[open_ones[0]] = evidence.held_out([*current, open_ones[0]], physical=True)
-        settled.add(open_ones[0])
+            continue  # every fit takes a while then; its settings are chosen afterwards
+        held[slot] = evidence.held_out([*current, slot], physical=True)
+    order = sorted(held, key=lambda s: (float(judge.score(held[s]).sum()), s.family().size, _key(s)))
+    rows = {s: _judged(judge, s, before, held[s]) for s in order}
+    # Of those that may be named the best, and of its rivals the simplest; without any, the same of all.
+    pool = [s for s in order if rows[s].accepted] or order
+    if not pool:
+        return []
+    rivals = [s for s in pool if judge.as_good(held[s], held[pool[0]])]
     chosen = min(rivals, key=lambda s: (s.family().size, float(judge.score(held[s]).sum()), _key(s)))
     return [rows[chosen], *(rows[s] for s in order if s != chosen)]
 
