@@ -131,7 +131,7 @@ def _settings(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot])
     return best
 
 
-def choose_signs(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
+def choose_signs(judge: Judge, current: Sequence[Slot]) -> list[Slot]:
     """Friction whose sign turns over, joint by joint, as predicts standing rows best, where moving rows leave it open.
 
     What a joint does below the slow speed has no say in what is named; but of two settings that are as good above it

@@ -131,7 +131,7 @@ def _close(
         chosen, x = pool(judge, torn)
         held = np.sqrt(judge.mean_square(evidence.held_out(torn, physical=True)))
     else:
-        chosen = choose_signs(judge, _drop_guesses(judge, list(steps[-1].slots)), slots)
+        chosen = choose_signs(judge, _drop_guesses(judge, list(steps[-1].slots)))
         x = refit(evidence, chosen)
         held = np.sqrt(judge.mean_square(evidence.held_out(chosen, physical=True)))
     # The rich model bends less to a residual from which the named effects are already gone.
