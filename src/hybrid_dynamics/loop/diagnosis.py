@@ -36,8 +36,12 @@ def rounded(value: Any, digits: int = DIGITS) -> Any:
 
 
 def predict_run(model: Model, run: Run) -> Array:
-    """Smoothed prediction (K, n) [N m] at the instants of ``run``."""
-    return run.smooth(Evidence.predict_fine(model, run))
+    """Smoothed prediction (K, n) [N m] at the instants of ``run``; kept, since errors and figures ask for it again."""
+    kept = model.predictions.get(id(run))
+    if kept is None or kept[0] is not run:
+        kept = run, run.smooth(Evidence.predict_fine(model, run))
+        model.predictions[id(run)] = kept
+    return kept[1]
 
 
 def errors_of(model: Model, runs: Sequence[Run], moving: bool = False) -> dict[str, Any]:

@@ -34,6 +34,11 @@ class Model:
     def _planted(self) -> tuple[Robot, StateTorque]:
         return plant(self.robot, self.effects, along=True)
 
+    @cached_property
+    def predictions(self) -> dict[int, tuple[Any, Array]]:
+        """Predictions already made, by whoever asks repeatedly for the same runs: the run, what was predicted."""
+        return {}
+
     @property
     def completed_robot(self) -> Robot:
         """The rigid body with all effects that are part of it (inertia, rotor, gravity)."""
