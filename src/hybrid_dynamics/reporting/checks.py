@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import pandas as pd
 
 from hybrid_dynamics.reporting import paper
 from hybrid_dynamics.reporting.coefficients import RIGID_BODY, JointTerms, damping_of, table_three
+from hybrid_dynamics.reporting.loop_checks import UR10E_RUN, blind_checks, loop_checks
 from hybrid_dynamics.reporting.methods import REFERENCES, label
-from hybrid_dynamics.reporting.results import DatasetResults
+from hybrid_dynamics.reporting.results import Check, DatasetResults
 from hybrid_dynamics.trajectory import RECORDED
 
 #: Methods that recover the simulated arm's terms (sindy and the networks, as published, do not).
@@ -22,7 +22,6 @@ DAMPING_BOUND = 1e-3
 COEFFICIENT_BOUND = 2e-3
 #: Joint 7's rigid-body torques are below 0.1 N m: its coefficients are known less well.
 LAST_JOINT_BOUND = 1e-2
-UR10E_RUN = "14harm50sec"
 #: Relative RMSE of least_squares on the held-out run, joints 1 to 4.
 UR10E_BOUNDS = (0.12, 0.045, 0.05, 0.11)
 
@@ -31,22 +30,13 @@ UR10E_BOUNDS = (0.12, 0.045, 0.05, 0.11)
 TWIN_BOUND = 1.1
 
 
-@dataclass(frozen=True)
-class Check:
-    """One claim with the number that decides it. ``met`` None means that it is reported, not required."""
-
-    dataset: str
-    claim: str
-    measured: str
-    met: bool | None
-
-
-def checks(results: Iterable[DatasetResults]) -> list[Check]:
-    """All claims that the given results can decide."""
+def checks(results: Iterable[DatasetResults], blind: pd.DataFrame | None = None) -> list[Check]:
+    """All claims that the given results, and the rows of ``blind.csv``, can decide."""
     out: list[Check] = []
     for result in results:
-        out += [*_panda(result), *_yardstick(result), *_twin(result), *_wam(result), *_gain(result)]
-    return out
+        out += [*_panda(result), *_yardstick(result), *_twin(result), *_wam(result), *loop_checks(result)]
+        out += _gain(result)
+    return [*out, *(blind_checks(blind) if blind is not None else ())]
 
 
 def _panda(result: DatasetResults) -> Iterator[Check]:

@@ -8,12 +8,11 @@ from collections.abc import Sequence
 import pandas as pd
 
 from hybrid_dynamics.reporting import paper
-from hybrid_dynamics.reporting.checks import Check
 from hybrid_dynamics.reporting.coefficients import JointTerms, table_three
 from hybrid_dynamics.reporting.expressions import to_mathml
 from hybrid_dynamics.reporting.html import Cell, details, escape, table
 from hybrid_dynamics.reporting.methods import REFERENCES, TORQUE_EXPRESSIONS, in_order, label
-from hybrid_dynamics.reporting.results import DatasetResults
+from hybrid_dynamics.reporting.results import Check, DatasetResults
 from hybrid_dynamics.reporting.tables import format_value
 
 TERM_HEADS = {"tau_inertia": "τ<sub>i</sub>", "tau_coriolis": "τ<sub>c</sub>", "tau_gravity": "τ<sub>g</sub>"}

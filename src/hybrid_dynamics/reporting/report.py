@@ -11,11 +11,11 @@ import pandas as pd
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.reporting import figures, html, paper, pieces
 from hybrid_dynamics.reporting.arm import render_arm
-from hybrid_dynamics.reporting.checks import Check, checks
+from hybrid_dynamics.reporting.checks import checks
 from hybrid_dynamics.reporting.coefficients import damping_of
 from hybrid_dynamics.reporting.html import Heading, escape
 from hybrid_dynamics.reporting.methods import REFERENCES, in_order, label, what
-from hybrid_dynamics.reporting.results import DatasetResults, Section, StudyInputs, read_csv, read_study
+from hybrid_dynamics.reporting.results import Check, DatasetResults, Section, StudyInputs, read_csv, read_study
 from hybrid_dynamics.reporting.tables import timing_table, write_tables
 from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN, Trajectory, iter_trajectories
 
@@ -30,7 +30,7 @@ def write_report(study: StudyInputs, out_dir: Path) -> Path:
     """
     out_dir = Path(out_dir)
     results = read_study(study)
-    checked = checks(results)
+    checked = checks(results, read_csv(study.blind) if study.blind is not None else None)
     write_tables(results, checked, out_dir)
     writer = _Page()
     _opening(writer, results, checked)

@@ -44,6 +44,7 @@ class StudyInputs:
     ``data`` holds one folder a dataset; ``datasets`` are shown in this order. ``pictures`` maps a dataset to the URDF
     (with meshes) its arm is drawn from. ``sections`` are extra pieces of HTML (the loop, the derivative benchmark, the
     least-squares details); ``tables`` are CSV files shown as they are: title -> path (a missing file is left out).
+    ``blind`` is ``blind.csv``, where effects were hidden.
     """
 
     data: Path
@@ -51,6 +52,17 @@ class StudyInputs:
     pictures: Mapping[str, Path] = field(default_factory=dict)
     sections: tuple[Section, ...] = ()
     tables: Mapping[str, Path] = field(default_factory=dict)
+    blind: Path | None = None
+
+
+@dataclass(frozen=True)
+class Check:
+    """One claim with the number that decides it. ``met`` None means that it is reported, not required."""
+
+    dataset: str
+    claim: str
+    measured: str
+    met: bool | None
 
 
 @dataclass(frozen=True)

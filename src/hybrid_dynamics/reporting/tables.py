@@ -10,9 +10,8 @@ from typing import Any
 import pandas as pd
 
 from hybrid_dynamics.files import write_json, write_text
-from hybrid_dynamics.reporting.checks import Check
 from hybrid_dynamics.reporting.methods import in_order, label
-from hybrid_dynamics.reporting.results import DatasetResults
+from hybrid_dynamics.reporting.results import Check, DatasetResults
 
 RMSE_COLUMNS = ("dataset", "provenance", "split", "trajectory", "method", "joint", "rmse", "relative_rmse")
 POOLED_COLUMNS = ("dataset", "provenance", "split", "trajectory", "method", "relative_error")
