@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Effect, Slot
 from hybrid_dynamics.effects.sign import travel_settings
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
+from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, overlap, pairs
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Judge, rank, same_place
 
@@ -94,6 +95,8 @@ def search(
         choice = next((c for c in table if room and c.accepted and frozenset([*current, c.slot]) not in seen), None)
         if choice is None:
             replaced = _replace(judge, current, candidates, before, seen)
+            if replaced is None:
+                replaced = _lighter(judge, current, candidates, before, seen)
             if replaced is None:
                 record("stop", None, table)
                 break
@@ -222,6 +225,34 @@ def _replace(
                 without = judge.score(evidence.held_out(rest, physical=True))
             gain = without - physical - difference
             if float(gain.sum()) > judge.settings.gain_in_errors * judge.standard_error(gain):
+                best = (loss, trial)
+    return None if best is None else best[1]
+
+
+def _lighter(
+    judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Array, seen: set[frozenset[Slot]]
+) -> list[Slot] | None:
+    """A body replaced by two effects of one coefficient each that explain as much.
+
+    A body found first takes what several simple effects have in common; without this they would never be looked at,
+    since each alone adds nothing beside it.
+    """
+    evidence = judge.evidence
+    x, layout = evidence.fit(current), evidence.layout(current)
+    free = [c for c in candidates if not any(same_place(c, s) for s in current)]
+    best: tuple[float, list[Slot]] | None = None
+    for slot, start in zip(layout.slots, layout.starts, strict=True):
+        size = slot.family().size
+        if size != 10 or ONLY_RUN in dict(slot.settings):
+            continue
+        rest = [s for s in current if s != slot]
+        for pair in pairs(slot, free):
+            trial = [*rest, *pair]
+            if frozenset(trial) in seen or overlap(evidence, slot, x[start : start + size], *pair) < LIKENESS_OF_PAIR:
+                continue
+            errors = evidence.held_out(trial, physical=True)
+            loss = float((judge.score(errors) - judge.score(before)).sum())
+            if judge.as_good(errors, before) and (best is None or loss < best[0]):
                 best = (loss, trial)
     return None if best is None else best[1]
 

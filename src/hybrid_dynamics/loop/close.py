@@ -21,7 +21,7 @@ from hybrid_dynamics.loop.identifiability import inconsistent, indistinguishable
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.noise import noise_floor, rich_residuals
 from hybrid_dynamics.loop.process import Run, moving_joints, process
-from hybrid_dynamics.loop.runs import pool, split_by_run
+from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.trace import Judge, same_place
 from hybrid_dynamics.loop.unexplained import expression_of
@@ -137,7 +137,7 @@ def _close(
     # The rich model bends less to a residual from which the named effects are already gone.
     floor = np.where(seen, np.maximum(np.minimum(floor, noise_floor(evidence, chosen, x)), least), 0.0)
     alternatives = indistinguishable(judge, chosen, slots)
-    disagreeing = inconsistent(judge, chosen, x)
+    disagreeing = inconsistent(judge, chosen, x, whole_of(torn))
     open_parameters = {s: undetermined(evidence, chosen, s) for s in chosen}
 
     models = [base, *(model_of(evidence, chosen[: k + 1]) for k in range(len(chosen)))]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,12 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Slot
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Place, overlap, pairs
 from hybrid_dynamics.loop.trace import Judge, same_place
 
 Array = NDArray[np.float64]
-#: Family and joint of a slot, whatever its settings.
-Place = tuple[str, int | None]
-
 #: A rival must be able to make at least this share of the effect's torque by itself.
 LIKENESS = 0.3
-#: Two together must make nearly all of it.
-LIKENESS_OF_PAIR = 0.9
 #: Parameters of two runs that differ by less than this share are the same: drive gains are no better known.
 DIFFERENCE = 0.05
 
@@ -43,7 +38,7 @@ def indistinguishable(
         rest = [s for s in slots if s != slot]
         pressed = evidence.constrained(rest)
         tried: set[frozenset[Place]] = set()
-        for group in [*((c,) for c in free), *_pairs(slot, free)]:
+        for group in [*((c,) for c in free), *pairs(slot, free)]:
             key = frozenset((c.effect, c.joint) for c in group)
             if (pressed and key in tried) or any(smaller < key for smaller in found):
                 continue
@@ -88,35 +83,6 @@ def indistinguishable(
     return out
 
 
-def _pairs(slot: Slot, candidates: Sequence[Slot]) -> list[tuple[Slot, Slot]]:
-    """Two effects of one coefficient each that could act together where ``slot`` acts."""
-    places: dict[Place, Slot] = {}
-    for c in candidates:
-        single = c.family().scope == "joint" and c.family().size == 1
-        if single and (slot.joint in (None, c.joint) or slot.family().scope != "joint"):
-            places.setdefault((c.effect, c.joint), c)
-    return list(combinations(places.values(), 2))
-
-
-def overlap(evidence: Evidence, slot: Slot, x: Array, *others: Slot) -> float:
-    """Share (0 to 1) of the weighted torque of ``slot`` at ``x`` that columns of ``others`` together can produce."""
-    one, two = evidence.layout([slot]), evidence.layout(others)
-    a, b = np.zeros((two.total, two.total)), np.zeros(two.total)
-    energy = 0.0
-    for j, ((p1, c1), (p2, c2)) in enumerate(zip(evidence.indices(one), evidence.indices(two), strict=True)):
-        gram, w = evidence.full_gram[j], evidence.weights[j]
-        if len(p1):
-            energy += w * float(x[p1] @ gram[np.ix_(c1, c1)] @ x[p1])
-        if len(p2):
-            a[np.ix_(p2, p2)] += w * gram[np.ix_(c2, c2)]
-            if len(p1):
-                b[p2] += w * gram[np.ix_(c2, c1)] @ x[p1]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
-    scale[np.diag(a) <= 1e-12] = 0.0
-    y = np.linalg.lstsq(a * scale[:, None] * scale[None, :], b * scale, rcond=1e-12)[0]
-    return float((b * scale) @ y) / energy if energy > 0 else 0.0
-
-
 def motion_that_would_tell(slot: Slot, others: Sequence[Slot], same: bool) -> str:
     """One sentence: which motion separates ``slot`` from ``others``."""
     first, last = slot.family().shown_by, others[-1]
@@ -141,11 +107,14 @@ def undetermined(evidence: Evidence, slots: Sequence[Slot], slot: Slot) -> list[
     return [p.name for p, open_ in zip(kind.parameters, loose, strict=True) if open_]
 
 
-def inconsistent(judge: Judge, slots: Sequence[Slot], x: Array) -> dict[Slot, list[dict[str, Any]]]:
+def inconsistent(
+    judge: Judge, slots: Sequence[Slot], x: Array, torn: Sequence[Slot] = ()
+) -> dict[Slot, list[dict[str, Any]]]:
     """Effects whose parameters differ between training runs by more than uncertainty, fitted run by run.
 
     ``x`` are the coordinates of all slots. Every effect in turn is fitted to one run alone, the others held; it
-    disagrees where its own parameters lower that run's error by more than one squared floor on enough joints, and a
+    disagrees where its own parameters lower that run's error by more than one squared floor on enough joints (those of
+    ``torn`` have already been found better with parameters of their own in every run), and a
     parameter differs by more than three standard errors from the mean of the runs and by more than a few percent of
     the largest parameter of its unit.
     """
@@ -162,7 +131,7 @@ def inconsistent(judge: Judge, slots: Sequence[Slot], x: Array) -> dict[Slot, li
             mine = evidence.block_run == r
             own, covariance, gain = fit_alone(evidence, slots, x, slot, start, mine)
             fits.append((own, covariance, gain))
-        if not any(judge.matters(slot, gain, 1.0) for _, _, gain in fits):
+        if slot not in torn and not any(judge.matters(slot, gain, 1.0) for _, _, gain in fits):
             continue
         values, errors = [], []
         for own, covariance, _ in fits:

@@ -30,6 +30,15 @@ def parts_of(slot: Slot, names: Sequence[str]) -> list[Slot]:
     return [replace(slot, settings=(*slot.settings, (ONLY_RUN, name))) for name in names]
 
 
+def whole_of(slots: Sequence[Slot]) -> list[Slot]:
+    """What those of ``slots`` that act in one run only are parts of."""
+    return list(dict.fromkeys(_whole(s) for s in slots if _whole(s) != s))
+
+
+def _whole(slot: Slot) -> Slot:
+    return replace(slot, settings=tuple(s for s in slot.settings if s[0] != ONLY_RUN))
+
+
 def split_by_run(
     judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], report: Callable[[Step], None]
 ) -> list[Step]:
@@ -71,19 +80,16 @@ def pool(judge: Judge, slots: Sequence[Slot]) -> tuple[list[Slot], Array]:
     layout = evidence.layout(slots)
     merged: list[Slot] = []
     values: list[Array] = []
-    torn: list[Slot] = []
     for slot, start in zip(layout.slots, layout.starts, strict=True):
-        whole = replace(slot, settings=tuple(s for s in slot.settings if s[0] != ONLY_RUN))
+        whole = _whole(slot)
         if whole in merged:
             continue
         merged.append(whole)
         values.append(x[start : start + slot.family().size])
-        if whole != slot:
-            torn.append(whole)
     evidence.add_slots(merged)
     out = np.concatenate(values)
     everything = np.ones(len(evidence.block_rows), bool)
-    for slot in torn:
+    for slot in whole_of(slots):
         start = evidence.layout(merged).starts[merged.index(slot)]
         solution, _, _ = fit_alone(evidence, merged, out, slot, start, everything)
         out[start : start + slot.family().size] = solution
