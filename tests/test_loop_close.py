@@ -216,6 +216,19 @@ def test_a_payload_turned_between_runs_is_inconsistent_not_averaged_in_silence(p
     assert "inconsistent_between_runs" not in same.diagnosis["effects"][0]
 
 
+def test_runs_that_disagree_by_little_are_told_with_the_parameter(panda):
+    """A few millimetres: surely better fitted run by run, though hardly any joint gains a squared floor."""
+    heavy = dict(BODY, mass=1.0, com_x=0.0, com_z=0.08)
+    runs = [
+        exercise(panda, [Effect("payload", (), dict(heavy, com_y=y))], name=f"r{k}", duration=10.0)
+        for k, y in enumerate((0.003, -0.003))
+    ]
+    diagnosis = close_loop(panda, runs, []).diagnosis
+    assert named(diagnosis) == [("payload", ())]
+    assert any("the runs disagree" in note for note in diagnosis["notes"])
+    assert [d["parameter"] for d in diagnosis["effects"][0]["inconsistent_between_runs"]] == ["com_y"]
+
+
 def test_one_run_alone_and_a_joint_that_stands(panda):
     effects = [Effect("viscous_friction", ("panda_joint3",), {"viscous_coefficient": 3.0})]
     run = exercise(panda, effects, still=(4,), duration=12.0)
