@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.effects import Effect, Slot
 from hybrid_dynamics.effects.sign import travelled_sign
 from hybrid_dynamics.loop import Model, close_loop
 from hybrid_dynamics.loop.exercise import exercise, exercises
+from hybrid_dynamics.loop.physics import physical_constraints
 from hybrid_dynamics.loop.solve import Constraints, solve
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.trajectory import Trajectory
@@ -126,3 +127,12 @@ def test_speeds_beyond_those_fitted_are_told_where_friction_would_drive(panda):
     (line,) = model.adding([bad, bad]).outrun(2 * dq)
     assert "panda_joint2 moves at up to 4 rad/s" in line
     assert "would drive it" in line
+
+
+def test_less_viscous_friction_must_not_let_the_curve_of_the_starting_model_drive(panda):
+    viscous, curved = Slot("viscous_friction", 1), Slot("nonlinear_viscous_friction", 1)
+    base = {viscous: np.array([3.0]), curved: np.array([-1.0, 0.0])}
+    found = physical_constraints([viscous], [0], 1, base, panda, np.full(7, 2.0))
+    # 3 - 2 = 1 N m s/rad is left at 2 rad/s: so much, and not the 3 of the viscous term, may go.
+    assert found.satisfied(np.array([-0.99]))
+    assert not found.satisfied(np.array([-1.01]))

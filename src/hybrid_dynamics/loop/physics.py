@@ -34,7 +34,9 @@ def physical_constraints(
     places = [(s, start) for s, start in zip(slots, starts, strict=True) if s.family().viscous_powers]
     own = [(s, x) for s, x in base.items() if s.family().viscous_powers]
     rows, least = [], []
-    for j in sorted({s.index for s, _ in places if s.family().viscous_powers != (1,)}):
+    # Also where only the starting model is curved: less of a viscous term could let the rest drive.
+    curved = {s.index for s, _ in [*places, *own] if s.family().viscous_powers != (1,)}
+    for j in sorted(curved & {s.index for s, _ in places}):
         for speed in _SPEEDS * fastest[j]:
             row = np.zeros(total)
             for slot, start in places:

@@ -39,7 +39,7 @@ _TRIANGLE, _INSIDE = _cone_rows()
 class Constraints:
     """``lower`` (K,) bounds; ``bodies``: first index of ten coordinates and the inertia (10,) they are added to.
 
-    ``rows`` (R, K) and ``least`` (R,): ``rows @ x >= least``, coefficients >= 0, met with room at x = 1.
+    ``rows`` (R, K) and ``least`` (R,): ``rows @ x >= least``.
     """
 
     lower: Array
