@@ -3,13 +3,13 @@
 import shutil
 from dataclasses import replace
 
-from hybrid_dynamics.config import load_params, section
-from hybrid_dynamics.datasets import ReaderSettings, Run, TwinSettings, read_run, twin_runs
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.loop import LoopSettings, close_loop, load_model
-from hybrid_dynamics.loop.output import write_result
+from hybrid_dynamics.loop_report.output import write_result
 from hybrid_dynamics.robots import Robot
-from hybrid_dynamics.sources import read_source
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.datasets import ReaderSettings, Run, TwinSettings, read_run, twin_runs
+from hybrid_dynamics.study.sources import read_source
 from hybrid_dynamics.trajectory import RECORDED, Trajectory
 from stages.common import dataset_argument, progress_bar
 

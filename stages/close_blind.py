@@ -6,11 +6,11 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.errors import InputError, run_main
-from hybrid_dynamics.layout import BlindFiles
 from hybrid_dynamics.loop import LoopSettings, close_loop, write_diagnosis
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.layout import BlindFiles
 from hybrid_dynamics.trajectory import read_trajectories
 from stages.common import dataset_argument, progress_bar
 

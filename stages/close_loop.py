@@ -1,12 +1,12 @@
 """Stage close_loop: find what the dataset's rigid-body model lacks, name it, add it (trace ⇄ augment)."""
 
-from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.loop import LoopSettings, close_loop
-from hybrid_dynamics.loop.output import write_result
-from hybrid_dynamics.loop.steps import step_table
+from hybrid_dynamics.loop_report.output import write_result
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.steps import step_table
 from hybrid_dynamics.trajectory import SIMULATED, read_metadata, read_trajectories
 from stages.common import dataset_argument, measured, progress_bar
 

@@ -12,7 +12,7 @@ from rich.progress import Progress, TimeElapsedColumn
 
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.files import write_json
-from hybrid_dynamics.layout import DatasetFiles
+from hybrid_dynamics.study.layout import DatasetFiles
 from hybrid_dynamics.trajectory import Trajectory, read_trajectories
 
 

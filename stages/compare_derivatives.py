@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from hybrid_dynamics.config import load_params, section
-from hybrid_dynamics.datasets import RobotSettings, Run, TwinSettings, robot_description, twin_runs
 from hybrid_dynamics.differentiate import derivative_errors
 from hybrid_dynamics.errors import require, run_main
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.datasets import RobotSettings, Run, TwinSettings, robot_description, twin_runs
 from stages.common import dataset_argument, progress_bar
 
 WORKERS = 2

@@ -1,9 +1,9 @@
 """Stage differentiate: trajectories → q dq ddq dddq tau at the same instants and bandwidth."""
 
-from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.differentiate import DifferentiateSettings, differentiate_trajectory
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_json
+from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.trajectory import TrajectoryWriter, iter_trajectories, read_metadata
 from stages.common import dataset_argument
 

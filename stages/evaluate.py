@@ -6,17 +6,16 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from hybrid_dynamics.config import load_params, section
-from hybrid_dynamics.datasets import TwinSettings, true_torque
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.features import feature_matrix
 from hybrid_dynamics.files import atomic_path
 from hybrid_dynamics.identification import LeastSquares
 from hybrid_dynamics.loop import Model
 from hybrid_dynamics.models import RigidBody, load_estimator
-from hybrid_dynamics.reporting import EvaluationSettings, evaluate_predictions
-from hybrid_dynamics.reporting.evaluation import Predictor
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.datasets import TwinSettings, true_torque
+from hybrid_dynamics.study.evaluation import EvaluationSettings, Predictor, evaluate_predictions
 from hybrid_dynamics.trajectory import SIMULATED_TWIN, Trajectory, iter_trajectories, read_metadata
 from stages.common import dataset_argument
 

@@ -1,9 +1,9 @@
 """Stage fetch_<dataset>: verify and copy recorded files, or say that the simulated twin stands in."""
 
-from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.errors import run_main
-from hybrid_dynamics.layout import RAW
-from hybrid_dynamics.sources import DataSource, SourceSettings, fetch
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.layout import RAW
+from hybrid_dynamics.study.sources import DataSource, SourceSettings, fetch
 from stages.common import dataset_argument
 
 

@@ -2,12 +2,12 @@
 
 import shutil
 
-from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_json
-from hybrid_dynamics.layout import BlindFiles
-from hybrid_dynamics.loop.blind import BlindSettings, generate_blind, plan
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.study.blind import BlindSettings, generate_blind, plan
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.layout import BlindFiles
 from hybrid_dynamics.trajectory import SIMULATED, write_trajectories
 from stages.common import dataset_argument, progress_bar
 

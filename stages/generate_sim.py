@@ -1,11 +1,11 @@
 """Stage generate_sim: simulate training and test rollouts of a robot with known dynamics and damping."""
 
-from hybrid_dynamics.config import load_params, section
-from hybrid_dynamics.datasets import RobotSettings, StudySimulation, robot_description
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation import simulate_dataset
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.datasets import RobotSettings, StudySimulation, robot_description
 from hybrid_dynamics.trajectory import SIMULATED, write_trajectories
 from stages.common import dataset_argument, progress_bar
 

@@ -3,11 +3,11 @@
 import shutil
 from pathlib import Path
 
-from hybrid_dynamics.config import load_params, section
-from hybrid_dynamics.datasets import RobotSettings, Run, taken_in
 from hybrid_dynamics.errors import InputError, run_main
 from hybrid_dynamics.files import write_json
-from hybrid_dynamics.sources.fetch import SOURCE_FILE
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.datasets import RobotSettings, Run, taken_in
+from hybrid_dynamics.study.sources.fetch import SOURCE_FILE
 from hybrid_dynamics.trajectory import RECORDED
 from stages.common import dataset_argument
 

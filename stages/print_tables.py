@@ -1,7 +1,7 @@
 """Print the tables that the stage report wrote, and where the report is."""
 
 from hybrid_dynamics.errors import InputError, run_main
-from hybrid_dynamics.layout import REPORTS
+from hybrid_dynamics.study.layout import REPORTS
 
 
 def main() -> None:

@@ -4,14 +4,15 @@ from pathlib import Path
 
 import pandas as pd
 
-from hybrid_dynamics.config import load_params, section
-from hybrid_dynamics.datasets import RobotSettings, picture_of
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_text
-from hybrid_dynamics.layout import REPORTS, BlindFiles, DatasetFiles
-from hybrid_dynamics.loop.blind import COLUMNS
-from hybrid_dynamics.reporting import StudyInputs, write_report
-from hybrid_dynamics.reporting.sections import blind_section, derivative_section, study_sections
+from hybrid_dynamics.study.blind import COLUMNS
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.datasets import RobotSettings, picture_of
+from hybrid_dynamics.study.layout import REPORTS, BlindFiles, DatasetFiles
+from hybrid_dynamics.study.report import write_report
+from hybrid_dynamics.study.report.sections import blind_section, derivative_section, study_sections
+from hybrid_dynamics.study.results import StudyInputs
 
 
 def main() -> None:

@@ -3,9 +3,9 @@
 import json
 
 from hybrid_dynamics.errors import run_main
-from hybrid_dynamics.layout import BlindFiles
-from hybrid_dynamics.loop.blind import score_blind, write_blind
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.study.blind import score_blind, write_blind
+from hybrid_dynamics.study.layout import BlindFiles
 from hybrid_dynamics.trajectory import read_trajectories
 from stages.common import dataset_argument
 

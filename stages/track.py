@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.errors import run_main
-from hybrid_dynamics.layout import REPORTS
 from hybrid_dynamics.models import METHODS
-from hybrid_dynamics.tracking import collect, store, upsert
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.layout import REPORTS
+from hybrid_dynamics.study.tracking import collect, store, upsert
 
 #: The section of params.yaml that shapes a method; those not listed have one of their own name.
 SECTIONS = {

@@ -7,11 +7,9 @@ from typing import get_type_hints
 import numpy as np
 import pandas as pd
 
-from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.features import feature_matrix
 from hybrid_dynamics.files import write_text
-from hybrid_dynamics.layout import DatasetFiles
 from hybrid_dynamics.models import (
     METHODS,
     Factor,
@@ -26,6 +24,8 @@ from hybrid_dynamics.models import (
     save_estimator,
 )
 from hybrid_dynamics.models.base import Estimator
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.layout import DatasetFiles
 from stages.common import dataset_files, measured, progress_bar, training_runs
 
 SINDY = ("sindy", "sindy_scaled", "r_sindy", "r_sindy_scaled")

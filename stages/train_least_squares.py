@@ -1,10 +1,10 @@
 """Stage train_least_squares: the classical yardstick, identified on the training trajectories of one dataset."""
 
-from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.identification import LeastSquares, LeastSquaresSettings
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.trajectory import iter_trajectories
 from stages.common import dataset_argument, measured
 

@@ -1,7 +1,10 @@
 """Stage trajectories: the recorded runs of a dataset, or its simulated twin, on a uniform grid."""
 
-from hybrid_dynamics.config import load_params, section
-from hybrid_dynamics.datasets import (
+from hybrid_dynamics.errors import run_main
+from hybrid_dynamics.files import write_text
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.datasets import (
     ReaderSettings,
     RobotSettings,
     Run,
@@ -10,10 +13,7 @@ from hybrid_dynamics.datasets import (
     robot_description,
     twin_runs,
 )
-from hybrid_dynamics.errors import run_main
-from hybrid_dynamics.files import write_text
-from hybrid_dynamics.robots import Robot
-from hybrid_dynamics.sources import read_source
+from hybrid_dynamics.study.sources import read_source
 from hybrid_dynamics.trajectory import RECORDED, write_trajectories
 from stages.common import dataset_argument, progress_bar
 

@@ -11,8 +11,8 @@ import pandas as pd
 from hybrid_dynamics.features import add_features
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.models import RigidBody, save_estimator
-from hybrid_dynamics.reporting import EvaluationSettings, evaluate_predictions
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
+from hybrid_dynamics.study.evaluation import EvaluationSettings, evaluate_predictions
 from hybrid_dynamics.trajectory import Trajectory, write_trajectories
 
 DAMPING = np.array([6.75, 6.0, 5.25, 4.5, 3.75, 3.0, 2.25])

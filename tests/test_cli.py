@@ -20,11 +20,11 @@ from hybrid_dynamics.cli import main
 from hybrid_dynamics.differentiate import DifferentiateSettings, differentiate_trajectory
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError, run_main
-from hybrid_dynamics.layout import DatasetFiles
 from hybrid_dynamics.loop.exercise import exercises
 from hybrid_dynamics.loop.model import Model, save_model
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
+from hybrid_dynamics.study.layout import DatasetFiles
 from hybrid_dynamics.trajectory import Trajectory, read_trajectories, write_trajectories
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from hybrid_dynamics.config import load_params, section
 from hybrid_dynamics.errors import ConfigError, require
+from hybrid_dynamics.study.config import load_params, section
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hybrid_dynamics.config import convert, load_params, section
-from hybrid_dynamics.datasets import (
+from hybrid_dynamics.differentiate import DifferentiateSettings
+from hybrid_dynamics.errors import ConfigError, InputError
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.simulation.twin import DriveFriction
+from hybrid_dynamics.study.config import convert, load_params, section
+from hybrid_dynamics.study.datasets import (
     Payload,
     ReaderSettings,
     RobotSettings,
@@ -18,11 +22,7 @@ from hybrid_dynamics.datasets import (
     taken_in,
     true_torque,
 )
-from hybrid_dynamics.differentiate import DifferentiateSettings
-from hybrid_dynamics.errors import ConfigError, InputError
-from hybrid_dynamics.robots import Robot
-from hybrid_dynamics.simulation.twin import DriveFriction
-from hybrid_dynamics.sources import SourceSettings
+from hybrid_dynamics.study.sources import SourceSettings
 from hybrid_dynamics.trajectory import Trajectory
 
 PARAMS = load_params(Path(__file__).resolve().parents[1] / "params.yaml")

@@ -10,7 +10,7 @@ from hybrid_dynamics.effects.inertia import to_body, to_dynamic
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.exercise import exercise, exercises
-from hybrid_dynamics.loop.report import report_html
+from hybrid_dynamics.loop_report.report import report_html
 from hybrid_dynamics.robots import Robot, find_description
 
 SHORT = {"duration": 8.0}

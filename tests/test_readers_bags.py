@@ -18,8 +18,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_typestore
 
+from hybrid_dynamics.cli import import_logs
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
-from hybrid_dynamics.readers import cli, import_log, read_log
+from hybrid_dynamics.readers import import_log, read_log
 from hybrid_dynamics.robots import Robot
 
 JOINTS = ("shoulder", "elbow")
@@ -332,7 +333,7 @@ def test_missing_bag_and_folder_without_metadata(tmp_path: Path) -> None:
 
 def command(*words: str) -> int:
     parser = argparse.ArgumentParser()
-    cli.add_parser(parser.add_subparsers())
+    import_logs.add_parser(parser.add_subparsers())
     args = parser.parse_args(["import", *words])
     return int(args.run(args))
 

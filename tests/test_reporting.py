@@ -16,24 +16,15 @@ from hypothesis import strategies as st
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.files import write_json, write_text
 from hybrid_dynamics.metrics import torque_errors
-from hybrid_dynamics.reporting import (
-    EvaluationSettings,
-    PooledErrors,
-    Section,
-    StudyInputs,
-    blind_section,
-    evaluate_predictions,
-    loop_section,
-    paper,
-    study_sections,
-    write_report,
-)
-from hybrid_dynamics.reporting.checks import checks
-from hybrid_dynamics.reporting.coefficients import table_three
-from hybrid_dynamics.reporting.pieces import best_beside_rigid_body
-from hybrid_dynamics.reporting.results import DatasetResults, read_dataset
-from hybrid_dynamics.reporting.sections import BLIND_COLUMNS, DRAWINGS_LIMIT, derivative_section
-from hybrid_dynamics.reporting.tables import format_value, text_tables
+from hybrid_dynamics.study.claims import paper
+from hybrid_dynamics.study.claims.checks import checks
+from hybrid_dynamics.study.claims.coefficients import table_three
+from hybrid_dynamics.study.evaluation import EvaluationSettings, PooledErrors, evaluate_predictions
+from hybrid_dynamics.study.report import blind_section, loop_section, study_sections, write_report
+from hybrid_dynamics.study.report.pieces import best_beside_rigid_body
+from hybrid_dynamics.study.report.sections import BLIND_COLUMNS, DRAWINGS_LIMIT, derivative_section
+from hybrid_dynamics.study.report.tables import format_value, text_tables
+from hybrid_dynamics.study.results import DatasetResults, Section, StudyInputs, read_dataset
 from hybrid_dynamics.trajectory import Trajectory
 from reporting_study import DAMPING, write_dataset
 

@@ -7,8 +7,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from hybrid_dynamics.reporting.loop_checks import blind_checks, loop_checks
-from hybrid_dynamics.reporting.results import DatasetResults
+from hybrid_dynamics.study.claims.loop_checks import blind_checks, loop_checks
+from hybrid_dynamics.study.results import DatasetResults
 
 JOINTS = tuple(f"j{k}" for k in range(1, 7))
 

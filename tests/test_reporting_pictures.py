@@ -11,12 +11,12 @@ from PIL import Image
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import write_text
-from hybrid_dynamics.reporting import figures
-from hybrid_dynamics.reporting.arm import camera_for, posed_surface, render_arm
-from hybrid_dynamics.reporting.expressions import number_of_terms, terms, to_latex, to_mathml
-from hybrid_dynamics.reporting.render import Camera, Surface, render, shadow
-from hybrid_dynamics.reporting.results import read_dataset
 from hybrid_dynamics.robots import find_description
+from hybrid_dynamics.study.expressions import number_of_terms, terms, to_latex, to_mathml
+from hybrid_dynamics.study.report import figures
+from hybrid_dynamics.study.report.arm import camera_for, posed_surface, render_arm
+from hybrid_dynamics.study.report.render import Camera, Surface, render, shadow
+from hybrid_dynamics.study.results import read_dataset
 from hybrid_dynamics.trajectory import read_trajectories
 from reporting_study import write_dataset
 

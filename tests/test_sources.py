@@ -15,8 +15,8 @@ import pytest
 
 from hybrid_dynamics.errors import ConfigError, HybridDynamicsError, SourceError
 from hybrid_dynamics.readers import read_wam
-from hybrid_dynamics.sources import DataSource, SourceFile, SourceSettings, fetch, read_source
-from hybrid_dynamics.sources.download import DownloadSettings
+from hybrid_dynamics.study.sources import DataSource, SourceFile, SourceSettings, fetch, read_source
+from hybrid_dynamics.study.sources.download import DownloadSettings
 from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"

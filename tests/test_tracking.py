@@ -14,8 +14,8 @@ import pytest
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.files import write_json
-from hybrid_dynamics.tracking import collect, known_digests, root, store, upsert
-from hybrid_dynamics.tracking.records import LOOP_COLUMNS, RunRecord, flatten
+from hybrid_dynamics.study.tracking import collect, known_digests, root, store, upsert
+from hybrid_dynamics.study.tracking.records import LOOP_COLUMNS, RunRecord, flatten
 from reporting_study import write_dataset
 
 
@@ -132,7 +132,7 @@ def logged(project: Path) -> Path:
     """The project after one upsert by two processes at once on a database that did not exist."""
     program = (
         "import sys; from pathlib import Path; sys.path[:0] = [sys.argv[2]]\n"
-        "from test_tracking import records; from hybrid_dynamics.tracking import Store, upsert\n"
+        "from test_tracking import records; from hybrid_dynamics.study.tracking import Store, upsert\n"
         "p = Path(sys.argv[1]); s = Store(p / 'mlflow.db', p / 'mlartifacts')\n"
         "print(len(upsert(records(p), s, notify=lambda _: None)))"
     )
@@ -162,7 +162,7 @@ def test_each_result_is_one_run_however_many_write(logged: Path) -> None:
 def test_unchanged_results_are_not_logged_and_mlflow_is_not_even_imported(logged: Path) -> None:
     program = (
         "import sys; from pathlib import Path; sys.path[:0] = [sys.argv[2]]\n"
-        "from test_tracking import records; from hybrid_dynamics.tracking import Store, upsert\n"
+        "from test_tracking import records; from hybrid_dynamics.study.tracking import Store, upsert\n"
         "p = Path(sys.argv[1]); s = Store(p / 'mlflow.db', p / 'mlartifacts')\n"
         "print(len(upsert(records(p), s)), 'mlflow' in sys.modules)"
     )

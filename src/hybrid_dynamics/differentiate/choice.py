@@ -27,8 +27,6 @@ from hybrid_dynamics.errors import ConfigError
 Array = NDArray[np.float64]
 
 CRITERIA = ("surrogate", "discrepancy", "l_curve")
-#: Options that every method takes, and that concern the choice only.
-OPTIONS = ("criterion",)
 #: Samples of the stretch (the middle of the run) on which a nonlinear method is tried out.
 STRETCH = 20_000
 #: Largest derivative order of a chain.

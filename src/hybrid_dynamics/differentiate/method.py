@@ -1,4 +1,4 @@
-"""What all differentiators have in common: ``method(x, dt, **options) -> (x_hat, dx_hat)``."""
+"""What is known of a differentiator: one column differentiated, the parameter that smooths, its response."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from hybrid_dynamics.differentiate.edges import transient_samples
 from hybrid_dynamics.errors import ConfigError, InputError
 
 Array = NDArray[np.float64]
+
+#: Options that every method takes, and that concern the choice of its parameter only.
+OPTIONS = ("criterion",)
 
 
 @dataclass(frozen=True)
@@ -35,32 +38,12 @@ class Method:
     edge: Callable[[float, float], int] = transient_samples
     weaker: float = 1.5
 
-    def __call__(self, x: Array, dt: float, **options: Any) -> tuple[Array, Array]:
-        """Smoothed ``x`` and dx/dt, each of the shape of ``x``: (T,) or (T, n), sampled every ``dt`` seconds.
-
-        The option named :attr:`parameter` (a number, or one per column) overrides the choice from the data.
-        """
-        from hybrid_dynamics.differentiate.choice import Choice
-
-        columns, values, rest = self.prepare(x, dt, options)
-        pairs = []
-        for j, column in enumerate(columns.T):
-            value = values[j] if values is not None else Choice(column, dt, **rest).next(self)
-            pairs.append(self.column(column, dt, value, **self.own(rest)))
-        shape = np.shape(x)
-        return (
-            np.column_stack([p[0] for p in pairs]).reshape(shape),
-            np.column_stack([p[1] for p in pairs]).reshape(shape),
-        )
-
     def own(self, options: dict[str, Any]) -> dict[str, Any]:
         """Those of ``options`` that the method itself understands."""
         return {name: value for name, value in options.items() if name in self.options}
 
     def prepare(self, x: Array, dt: float, options: dict[str, Any]) -> tuple[Array, list[float] | None, dict[str, Any]]:
         """``x`` as columns (T, n), the parameter of each column where it is given, the other options."""
-        from hybrid_dynamics.differentiate.choice import OPTIONS
-
         known = (self.parameter, *self.options, *OPTIONS)
         for name in options:
             if name not in known:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from hybrid_dynamics.differentiate.registry import METHODS
 from hybrid_dynamics.errors import require
 
 ZOH = "zoh"
@@ -29,8 +30,6 @@ class DifferentiateSettings:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        from hybrid_dynamics.differentiate.registry import METHODS
-
         known = (ZOH, *METHODS)
         require(self.method in known, f"differentiate.method is {self.method!r}; expected one of {', '.join(known)}")
         require(

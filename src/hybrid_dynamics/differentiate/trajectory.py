@@ -154,7 +154,7 @@ def _motion(
     """
     method = get_method(settings.method)
     options = dict(settings.options)
-    if method is butterworth.METHOD:
+    if method.name == butterworth.METHOD.name:
         for name in (method.parameter, "order"):
             if name in options:
                 raise ConfigError(f"differentiate.options.{name}: set differentiate.{name} instead")

@@ -1,4 +1,4 @@
-"""The engines that search for expressions, behind one call: ``search(X, y, settings, seed) -> Pareto front``."""
+"""What an engine that searches for expressions is: ``search(X, y, settings, seed) -> Pareto front``."""
 
 from __future__ import annotations
 
@@ -22,17 +22,6 @@ class Engine(Protocol):
     def search(self, X: Array, y: Array, settings: SymbolicSettings, seed: int) -> list[Candidate]:
         """Candidates for ``y`` (N,) over the columns of ``X`` (N, m), as expressions over ``x0 .. x{m-1}`` (real)."""
         ...
-
-
-def make_engine(settings: SymbolicSettings) -> Engine:
-    """The engine ``settings.engine`` names; raises :class:`MissingDependencyError` where it cannot run."""
-    if settings.engine == "pysr":
-        from hybrid_dynamics.models.symbolic.pysr_engine import PySREngine
-
-        return PySREngine()
-    from hybrid_dynamics.models.symbolic.operon_engine import OperonEngine
-
-    return OperonEngine()
 
 
 def variable_names(count: int) -> list[str]:

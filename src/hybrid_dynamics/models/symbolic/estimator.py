@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models.base import check_data, check_features
 from hybrid_dynamics.models.expressions import CompiledExpressions
-from hybrid_dynamics.models.symbolic.engines import make_engine
+from hybrid_dynamics.models.symbolic.registry import make_engine
 from hybrid_dynamics.models.symbolic.search import symbolic_regression
 from hybrid_dynamics.models.symbolic.settings import FrontRow, SymbolicResult, SymbolicSettings
 

@@ -20,8 +20,9 @@ from hybrid_dynamics.models.expressions import (
     format_expression,
     plain_symbols,
 )
-from hybrid_dynamics.models.symbolic.engines import Engine, make_engine, variable_names
+from hybrid_dynamics.models.symbolic.engines import Engine, variable_names
 from hybrid_dynamics.models.symbolic.refit import Fit, Pruning, bases_of, fit_constants, fit_terms
+from hybrid_dynamics.models.symbolic.registry import make_engine
 from hybrid_dynamics.models.symbolic.settings import (
     Candidate,
     FrontRow,
