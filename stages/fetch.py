@@ -1,8 +1,13 @@
-"""Stage fetch_<dataset>: verify and copy recorded files, or say that the simulated twin stands in."""
+"""Stages fetch_<dataset> and fetch@<dataset>: verify and copy recorded files, or say that the simulated twin stands in.
+
+A dataset without a ``source`` is made of one's own logs: its files are where ``robot`` and ``runs`` say.
+"""
 
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.study.config import load_params, section
+from hybrid_dynamics.study.datasets import RobotSettings, Run
 from hybrid_dynamics.study.layout import RAW
+from hybrid_dynamics.study.own_logs import take_in
 from hybrid_dynamics.study.sources import DataSource, SourceSettings, fetch
 from stages.common import dataset_argument
 
@@ -10,8 +15,14 @@ from stages.common import dataset_argument
 def main() -> None:
     files = dataset_argument(__doc__)
     params = load_params()
-    settings = section(params, f"dataset.{files.dataset}.source", SourceSettings)
-    fetch(DataSource(settings, raw_dir=RAW), files.source, mode=section(params, "source", str))
+    name = f"dataset.{files.dataset}"
+    if "source" in section(params, name, dict):
+        settings = section(params, f"{name}.source", SourceSettings)
+        fetch(DataSource(settings, raw_dir=RAW), files.source, mode=section(params, "source", str))
+        return
+    runs = section(params, f"{name}.runs", list[Run])
+    take_in(files.dataset, section(params, f"{name}.robot", RobotSettings), runs, files.source)
+    print(f"{files.dataset}: {len(runs)} logs taken in")
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ def main() -> None:
     study = StudyInputs(
         data=Path("data"),
         datasets=tuple(names),
+        titles={name: section(params, f"dataset.{name}.title", str) for name in names},
         pictures={name: path for name, robot in robots.items() if (path := picture_of(robot)) is not None},
         blind=REPORTS / "blind.csv" if scores else None,
         sections=(*study_sections(names), *filter(None, extra)),

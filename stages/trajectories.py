@@ -1,6 +1,6 @@
 """Stage trajectories: the recorded runs of a dataset, or its simulated twin, on a uniform grid."""
 
-from hybrid_dynamics.errors import run_main
+from hybrid_dynamics.errors import InputError, run_main
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.config import load_params, section
@@ -30,7 +30,12 @@ def main() -> None:
         reader = section(params, f"{name}.reader", ReaderSettings)
         trajectories = (part for run in runs for part in read_run(reader, run, files.source, robot, print))
     else:
-        twin = section(params, f"{name}.twin", TwinSettings)
+        twin = section(params, f"{name}.twin", TwinSettings | None)
+        if twin is None:
+            raise InputError(
+                f"dataset {files.dataset}: the recording cannot be had and {name}.twin is null; provide the recording "
+                "(stage fetch says where it was looked for), or describe a twin in conf/dataset/"
+            )
         with progress_bar(f"{files.dataset}: simulating the twin") as progress:
             recordings = twin_runs(robot, twin, runs, files.source, section(params, "seed", int), progress)
         trajectories = (recording.recorded for recording in recordings)

@@ -201,7 +201,7 @@ def test_own_logs_are_checked_before_they_are_taken_in(here, capsys, urdf, runs,
     (here / "sub").mkdir()
     rows = [dict(zip(("name", "split", "file"), run, strict=True)) for run in runs]
     Path("params.yaml").write_text(yaml.safe_dump({"dataset": {"custom": {"robot": {"urdf": urdf}, "runs": rows}}}))
-    assert stage("import_logs", "custom") == 2
+    assert stage("fetch", "custom") == 2
     error = capsys.readouterr().err
     assert len(error.splitlines()) == 1
     assert re.search(message, error), error

@@ -182,6 +182,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     inputs = StudyInputs(
         folder / "data",
         ("wam",),
+        titles={"wam": "Barrett WAM"},
         sections=(
             Section("loop", "The loop", "<p>LOOP FRAGMENT</p>", "wam"),
             Section("blind", "Blind cases", "<p>B</p>"),

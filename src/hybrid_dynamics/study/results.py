@@ -41,7 +41,8 @@ class Section:
 class StudyInputs:
     """What the report is made from.
 
-    ``data`` holds one folder a dataset; ``datasets`` are shown in this order. ``pictures`` maps a dataset to the URDF
+    ``data`` holds one folder a dataset; ``datasets`` are shown in this order, under their ``titles`` where they have
+    one. ``pictures`` maps a dataset to the URDF
     (with meshes) its arm is drawn from. ``sections`` are extra pieces of HTML (the loop, the derivative benchmark, the
     least-squares details); ``tables`` are CSV files shown as they are: title -> path (a missing file is left out).
     ``blind`` is ``blind.csv``, where effects were hidden.
@@ -49,6 +50,7 @@ class StudyInputs:
 
     data: Path
     datasets: tuple[str, ...]
+    titles: Mapping[str, str] = field(default_factory=dict)
     pictures: Mapping[str, Path] = field(default_factory=dict)
     sections: tuple[Section, ...] = ()
     tables: Mapping[str, Path] = field(default_factory=dict)
@@ -81,6 +83,8 @@ class DatasetResults:
     timing: pd.DataFrame
     metadata: Mapping[str, Any]
     source: Mapping[str, Any]
+    #: As titles and headings show it (``title`` in conf/dataset/).
+    display_name: str
     #: Rigid-body torque columns that are identically zero, such as tau_gravity1 of an arm on a level base.
     zero_torques: tuple[str, ...]
     extrapolation: Extrapolation | None
@@ -119,11 +123,11 @@ def read_study(inputs: StudyInputs) -> list[DatasetResults]:
     """Read every dataset of ``inputs``; raises :class:`InputError` naming the file or column that is missing."""
     if not inputs.datasets:
         raise InputError("the report has no dataset; list at least one under 'datasets' in params.yaml")
-    return [read_dataset(inputs.data / name) for name in inputs.datasets]
+    return [read_dataset(inputs.data / name, inputs.titles.get(name, name)) for name in inputs.datasets]
 
 
-def read_dataset(folder: Path) -> DatasetResults:
-    """Read the result files of one dataset folder."""
+def read_dataset(folder: Path, display_name: str = "") -> DatasetResults:
+    """Read the result files of one dataset folder; it is shown under its own name where no other is given."""
     errors = _read_parquet(folder / "errors.parquet", ERROR_COLUMNS)
     if errors.empty:
         raise InputError(f"{folder / 'errors.parquet'}: no rows; run the stage evaluate (dvc repro)")
@@ -146,6 +150,7 @@ def read_dataset(folder: Path) -> DatasetResults:
         timing=_timing(folder),
         metadata=read_metadata(folder / "trajectories.parquet"),
         source=json.loads(source_file.read_text("utf-8")) if source_file.exists() else {},
+        display_name=display_name or folder.name,
         zero_torques=_zero_torques(folder / "features.parquet"),
         extrapolation=extrapolation(folder / "features.parquet"),
     )

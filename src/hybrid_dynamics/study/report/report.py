@@ -22,7 +22,6 @@ from hybrid_dynamics.study.results import Check, DatasetResults, Section, StudyI
 from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN, Trajectory, iter_trajectories
 
 TITLE = "Interpretable hybrid robot dynamics: the study"
-NAMES = {"panda": "Franka Panda", "ur10e": "Universal Robots UR10e", "wam": "Barrett WAM"}
 
 
 def write_report(study: StudyInputs, out_dir: Path) -> Path:
@@ -96,7 +95,7 @@ def _inventory(results: Sequence[DatasetResults]) -> str:
         runs = " + ".join(f"{len(result.trajectories(split))} {split}" for split in ("train", "test"))
         rows.append(
             [
-                html.Cell(f'<a href="#{html.slug(result.name)}">{escape(_name(result))}</a>', "text"),
+                html.Cell(f'<a href="#{html.slug(result.name)}">{escape(result.display_name)}</a>', "text"),
                 html.Cell(html.badge(result.provenance), "text"),
                 html.Cell(escape(f"{result.robot}, {result.n_joints} joints"), "text"),
                 html.Cell(escape(runs), "text"),
@@ -106,12 +105,8 @@ def _inventory(results: Sequence[DatasetResults]) -> str:
     return html.table(["Dataset", "Provenance", "Robot", "Runs", "Methods"], rows)
 
 
-def _name(result: DatasetResults) -> str:
-    return NAMES.get(result.name, result.name)
-
-
 def _dataset(page: _Page, result: DatasetResults, study: StudyInputs, folder: Path) -> None:
-    page.heading(2, _name(result), result.name, f" {html.badge(result.provenance)}", f" ({result.provenance})")
+    page.heading(2, result.display_name, result.name, f" {html.badge(result.provenance)}", f" ({result.provenance})")
     if result.provenance == SIMULATED_TWIN:
         page.add("<p class='warning'>Everything in this chapter was computed from a <b>simulated twin</b>.</p>")
     best = _best(result)
@@ -181,7 +176,9 @@ def _errors(result: DatasetResults, split: str) -> str:
     reference = paper.error_table(result.name, split)
     kind = "held-out runs" if split == "test" else "training runs"
     number = f"Table {reference.number}. " if reference else ""
-    caption = f"<b>{number}{escape(_name(result))}, {escape(result.provenance)}</b>: relative RMSE per joint, {kind}"
+    caption = (
+        f"<b>{number}{escape(result.display_name)}, {escape(result.provenance)}</b>: relative RMSE per joint, {kind}"
+    )
     if reference and result.name == "wam" and result.provenance != RECORDED:
         caption += " (the paper's values are of the recording)"
     return "\n".join(
@@ -306,7 +303,7 @@ def _sources(results: Sequence[DatasetResults]) -> str:
             if known.get(key)
         ]
         body = "".join(lines) or "<li>made by this repository's own simulation</li>"
-        parts.append(f"<h3>{escape(_name(result))} {html.badge(result.provenance)}</h3><ul>{body}</ul>")
+        parts.append(f"<h3>{escape(result.display_name)} {html.badge(result.provenance)}</h3><ul>{body}</ul>")
     parts.append(
         "<p class='note'>Robot descriptions and meshes: example-robot-data and the licences it ships. Recorded data is "
         "never redistributed; it is fetched from its source and verified.</p>"
