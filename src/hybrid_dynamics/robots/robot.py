@@ -16,6 +16,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.robots.regressor import regressor_of_samples
 from hybrid_dynamics.robots.urdf import lock_joints, movable_joints
 
 Array = NDArray[np.float64]
@@ -148,16 +149,7 @@ class Robot:
         about the joint frame's origin xx xy yy xz yz zz (see :attr:`inertial_parameters`).
         """
         q, dq, ddq = self._check(q, dq, ddq)
-        data = self.model.createData()
-        configuration, velocity, acceleration = self._configuration(q), self._tangent(dq), self._tangent(ddq)
-        columns = np.concatenate([np.arange(10 * (i - 1), 10 * i) for i in self.joint_ids])
-        out = np.empty((len(q), self.n_joints, 10 * self.n_joints))
-        for k in range(len(q)):
-            full = pin.computeJointTorqueRegressor(
-                self.model, data, configuration[:, k], velocity[:, k], acceleration[:, k]
-            )
-            out[k] = full[self._v][:, columns]
-        return out
+        return regressor_of_samples(self.model, self.joint_ids, q, dq, ddq)
 
     @property
     def inertial_parameters(self) -> Array:
