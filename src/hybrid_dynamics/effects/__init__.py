@@ -8,29 +8,41 @@ import pkgutil
 from hybrid_dynamics.effects.base import (
     Effect,
     Family,
-    Motion,
-    Parameter,
     Slot,
     StateTorque,
     catalogue,
     family,
     register,
+    split_key,
 )
+from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, State
 
 for _module in sorted(module.name for module in pkgutil.iter_modules(__path__)):
     importlib.import_module(f"{__name__}.{_module}")
 
-from hybrid_dynamics.effects.plant import plant  # noqa: E402  (needs the filled registry)
+from hybrid_dynamics.effects.plant import (  # noqa: E402  (needs the filled registry)
+    Readings,
+    plant,
+    predict,
+    readings,
+)
 
 __all__ = [
     "Effect",
+    "Equivalence",
     "Family",
     "Motion",
     "Parameter",
+    "Readings",
+    "Refined",
     "Slot",
+    "State",
     "StateTorque",
     "catalogue",
     "family",
     "plant",
+    "predict",
+    "readings",
     "register",
+    "split_key",
 ]

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Motion, Parameter, Slot, register
-from hybrid_dynamics.effects.sign import run_sign, state_sign, width_settings
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.sign import sign_of, travel_of, width_settings
+from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
 from hybrid_dynamics.robots import Robot
 
 Array = NDArray[np.float64]
@@ -24,25 +25,29 @@ class CoulombFriction(Family):
     scope = "joint"
     parameters = (Parameter("coulomb_torque", "N m"),)
     turns_sign = True
+    drawn_against = "dq"
     shown_by = "the joint reverses often and moves at several different speeds"
+    equivalent_to = (
+        Equivalence(
+            ("hysteresis_friction",),
+            "once the joint has moved further than the presliding displacement both are the same",
+            "let the joint reverse within a few hundredths of a radian",
+        ),
+        Equivalence(
+            ("stribeck_friction",),
+            "above a few times the Stribeck velocity both are the same",
+            "move the joint slowly, between 0.02 and 0.2 rad/s",
+        ),
+    )
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
-        return [
-            Slot(self.name, j, settings)
-            for j in range(robot.n_joints)
-            if moving[j]
-            for settings in width_settings(options["sign_widths"])
-        ]
+    def grid(self, options: Mapping[str, Any]) -> list[Settings]:
+        return width_settings(options["sign_widths"])
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        j = slot.index
-        return run_sign(motion.q[:, j], motion.dq[:, j], dict(slot.settings))[:, None]
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        return parameters["coulomb_torque"] * sign_of(xp, at.own_dq, settings, at.z)
 
-    def lower_bounds(self) -> Array:
+    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+        return travel_of(settings)
+
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
         return np.zeros(1)
-
-    def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
-        return effect.parameters["coulomb_torque"] * state_sign(dq, effect.settings)
-
-    def torque_along(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
-        return effect.parameters["coulomb_torque"] * run_sign(q, dq, effect.settings)

@@ -7,12 +7,14 @@ RA-L 2018, eq. 9).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Parameter
+from hybrid_dynamics.effects.base import Effect, Family
+from hybrid_dynamics.effects.state import Motion, Parameter
+from hybrid_dynamics.robots import Robot
 
 Array = NDArray[np.float64]
 
@@ -81,3 +83,32 @@ def pseudo_inertia(dynamic: Array) -> Array:
 def is_physical(dynamic: Array) -> bool:
     """True where a body with these parameters can exist."""
     return bool(np.linalg.eigvalsh(pseudo_inertia(dynamic))[0] > 0)
+
+
+def link_parameters(robot: Robot, link: int) -> Array:
+    """Dynamic parameters (10,) of the body that joint ``link`` (0-based) moves."""
+    return np.asarray(robot.model.inertias[robot.joint_ids[link]].toDynamicParameters())
+
+
+def random_block(rng: np.random.Generator) -> Array:
+    """Dynamic parameters (10,) of a solid block of 1 kg within a hand's breadth, which any body may carry."""
+    edge = rng.uniform(0.05, 0.2, 3)
+    body = {"mass": 1.0, **dict(zip(("com_x", "com_y", "com_z"), rng.uniform(-0.12, 0.12, 3).tolist(), strict=True))}
+    principal = (np.sum(edge**2) - edge**2) / 12
+    body |= {f"inertia_{e}": float(v) for e, v in zip(INERTIA_ENTRIES, _entries(np.diag(principal)), strict=True)}
+    return to_dynamic(body)
+
+
+def torque_error(kind: Family, true: Effect, found: Effect, robot: Robot, motions: Sequence[Motion]) -> float:
+    """Relative error of the torque that a change of inertia adds on ``motions``.
+
+    Single inertial parameters of a link are not determined by torque, only base parameters are.
+    """
+    change = kind.coordinates_of(true.parameters, robot, true.slot(robot))
+    difference = kind.coordinates_of(found.parameters, robot, found.slot(robot)) - change
+    wrong = added = 0.0
+    for motion in motions:
+        columns = kind.columns(motion, true.slot(robot))
+        wrong += float(np.sum((columns @ difference) ** 2))
+        added += float(np.sum((columns @ change) ** 2))
+    return float(np.sqrt(wrong / added)) if added > 0 else float("nan")

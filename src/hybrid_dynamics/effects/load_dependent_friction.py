@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Motion, Parameter, Slot, register
-from hybrid_dynamics.effects.sign import run_sign, state_sign, width_settings
-from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.sign import sign_of, travel_of, width_settings
+from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
 from hybrid_dynamics.robots import Robot
 
 Array = NDArray[np.float64]
@@ -27,31 +27,24 @@ class LoadDependentFriction(Family):
     parameters = (Parameter("load_coefficient", "1"),)
     uses_load = True
     turns_sign = True
+    drawn_against = "load"
     shown_by = "the joint reverses often under very different loads"
+    equivalent_to = (
+        Equivalence(
+            ("coulomb_friction",),
+            "under a load that hardly changes the friction is constant",
+            "reverse the joint in postures of very different load",
+        ),
+    )
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
-        return [
-            Slot(self.name, j, settings)
-            for j in range(robot.n_joints)
-            if moving[j]
-            for settings in width_settings(options["sign_widths"])
-        ]
+    def grid(self, options: Mapping[str, Any]) -> list[Settings]:
+        return width_settings(options["sign_widths"])
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        j = slot.index
-        sign = run_sign(motion.q[:, j], motion.dq[:, j], dict(slot.settings))
-        return (np.abs(motion.load[:, j]) * sign)[:, None]
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        return parameters["load_coefficient"] * xp.abs(at.own_load) * sign_of(xp, at.own_dq, settings, at.z)
 
-    def lower_bounds(self) -> Array:
+    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+        return travel_of(settings)
+
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
         return np.zeros(1)
-
-    def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
-        return self._size(effect, load) * state_sign(dq, effect.settings)
-
-    def torque_along(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
-        return self._size(effect, load) * run_sign(q, dq, effect.settings)
-
-    def _size(self, effect: Effect, load: Array | None) -> Array:
-        if load is None:
-            raise InputError("load_dependent_friction needs the rigid-body torque; give it as load")
-        return effect.parameters["load_coefficient"] * np.abs(load)

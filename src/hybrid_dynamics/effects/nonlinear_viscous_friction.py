@@ -7,10 +7,15 @@ Fv + F2 v + F3 v^2 >= 0 for 0 <= v <= the fastest speed in the training runs.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Motion, Parameter, Slot, register
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.state import Equivalence, Parameter, State
+from hybrid_dynamics.robots import Robot
 
 Array = NDArray[np.float64]
 
@@ -25,12 +30,19 @@ class NonlinearViscousFriction(Family):
         Parameter("cubic_coefficient", "N m s^3/rad^3"),
     )
     viscous_powers = (2, 3)
+    drawn_against = "dq"
     shown_by = "the joint moves at many different speeds, up to its fastest"
+    equivalent_to = (
+        Equivalence(
+            ("stribeck_friction", "viscous_friction"),
+            "over a narrow range of speeds both bend the friction curve",
+            "move the joint slowly, between 0.02 and 0.2 rad/s, and at its fastest",
+        ),
+    )
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        dq = motion.dq[:, slot.index]
-        return np.column_stack([dq * np.abs(dq), dq**3])
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        dq = at.own_dq
+        return parameters["quadratic_coefficient"] * dq * xp.abs(dq) + parameters["cubic_coefficient"] * dq * dq * dq
 
-    def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
-        values = effect.parameters
-        return values["quadratic_coefficient"] * dq * np.abs(dq) + values["cubic_coefficient"] * dq**3
+    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+        return np.ones(2)  # friction that grows: dissipative whatever the joint's viscous term is

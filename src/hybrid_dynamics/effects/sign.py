@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Settings
+from hybrid_dynamics.effects.state import Settings
 
 Array = NDArray[np.float64]
 
@@ -35,21 +35,20 @@ def travel_settings(travels: tuple[float, ...]) -> list[Settings]:
     return [((TRAVEL, float(s)),) for s in travels]
 
 
-def smooth_sign(dq: Array, width: float) -> Array:
-    """sign(dq), or tanh(dq / width) where ``width`` [rad/s] is positive."""
-    return np.tanh(dq / width) if width > 0 else np.sign(dq)
+def sign_of(xp: Any, dq: Any, settings: Mapping[str, Any], z: Any = None) -> Any:
+    """The sign of ``dq`` over the array namespace ``xp``: its memory ``z`` where the setting is a travel, if given.
+
+    Without its past a sign that turns over a travel is sharp.
+    """
+    if TRAVEL in settings and z is not None:
+        return z
+    width = float(settings.get(WIDTH, 0.0))
+    return xp.tanh(dq / width) if width > 0 else xp.sign(dq)
 
 
-def state_sign(dq: Array, settings: Mapping[str, Any]) -> Array:
-    """The sign as a function of the state alone; one that turns over a travel is sharp then."""
-    return smooth_sign(dq, float(settings.get(WIDTH, 0.0)))
-
-
-def run_sign(q: Array, dq: Array, settings: Mapping[str, Any]) -> Array:
-    """The sign (T,) along one run, rows in the order of time."""
-    if TRAVEL in settings:
-        return travelled_sign(q, float(settings[TRAVEL]))
-    return state_sign(dq, settings)
+def travel_of(settings: Mapping[str, Any]) -> float | None:
+    """The travel [rad] over which the sign turns over, or None."""
+    return float(settings[TRAVEL]) if TRAVEL in settings else None
 
 
 def travelled_sign(q: Array, travel: float) -> Array:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping
+from typing import Any
 
-from hybrid_dynamics.effects.base import Effect, Family, Motion, Parameter, Slot, register
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.effects.base import Family, register
+from hybrid_dynamics.effects.state import Equivalence, Parameter, State
 
 
 @register
@@ -15,10 +14,20 @@ class TorqueOffset(Family):
     name = "torque_offset"
     scope = "joint"
     parameters = (Parameter("offset", "N m"),)
+    drawn_against = "time"
     shown_by = "the joint rests and moves in many positions and in both directions"
+    equivalent_to = (
+        Equivalence(
+            ("position_offset",),
+            "near one posture a wrong zero changes the gravity torque by a constant",
+            "move the joint over a wide range of positions",
+        ),
+        Equivalence(
+            ("joint_spring",),
+            "far from its rest position a soft spring is a constant torque over a short travel",
+            "move the joint over a wide range of positions",
+        ),
+    )
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        return np.ones((len(motion.time), 1))
-
-    def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
-        return np.full_like(dq, effect.parameters["offset"])
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        return parameters["offset"]

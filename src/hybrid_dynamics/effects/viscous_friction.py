@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Motion, Parameter, Slot, register
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.state import Equivalence, Parameter, State
+from hybrid_dynamics.robots import Robot
 
 Array = NDArray[np.float64]
 
@@ -16,13 +21,18 @@ class ViscousFriction(Family):
     scope = "joint"
     parameters = (Parameter("viscous_coefficient", "N m s/rad"),)
     viscous_powers = (1,)
+    drawn_against = "dq"
     shown_by = "the joint moves at several different speeds in both directions"
+    equivalent_to = (
+        Equivalence(
+            ("time_delay",),
+            "torque read late against a motion with inertia looks like a torque that follows the speed",
+            "let the joint move at constant speeds: a delay then changes nothing",
+        ),
+    )
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        return motion.dq[:, [slot.index]]
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        return parameters["viscous_coefficient"] * at.own_dq
 
-    def lower_bounds(self) -> Array:
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
         return np.zeros(1)
-
-    def torque(self, effect: Effect, q: Array, dq: Array, load: Array | None = None) -> Array:
-        return effect.parameters["viscous_coefficient"] * dq

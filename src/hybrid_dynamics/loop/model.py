@@ -15,7 +15,8 @@ import jsonschema
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Effect, Slot, StateTorque, family, plant
+from hybrid_dynamics.effects import Effect, Readings, Slot, StateTorque, family, plant, readings, split_key
+from hybrid_dynamics.effects.plant import predict_planted
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.robots import Robot
@@ -44,21 +45,26 @@ class Model:
         """The rigid body with all effects that are part of it (inertia, rotor, gravity)."""
         return self._planted[0]
 
+    @cached_property
+    def readings(self) -> Readings:
+        """What the log reads wrongly: position offsets, torque gains, a delay."""
+        return readings(self.robot, self.effects)
+
     def predict(self, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> Array:
-        """Drive torque (T, n) [N m] for one whole run, rows in the order of time.
+        """Recorded torque (T, n) [N m] for one whole run, rows in the order of time.
 
         ``time`` (T,) [s] serves effects that depend on it.
         """
-        robot, torque = self._planted
-        rigid = robot.inverse_dynamics(q, dq, ddq)
-        return rigid + torque(np.asarray(q, float), np.asarray(dq, float), rigid)
+        return predict_planted(*self._planted, self.readings, q, dq, ddq, time)
 
     def load_derivative(self, q: Array, dq: Array, ddq: Array) -> Array:
         """How much the effects' torque grows with the rigid-body torque, (T, n): friction that follows the load."""
         robot, torque = self._planted
         rigid = robot.inverse_dynamics(q, dq, ddq)
         step = 1e-6 * np.maximum(np.abs(rigid), 1.0)
-        return np.asarray((torque(q, dq, rigid + step) - torque(q, dq, rigid - step)) / (2 * step))
+        still = np.zeros(len(q))
+        up, down = (torque(q, dq, rigid + sign * step, ddq, still) for sign in (1, -1))
+        return np.asarray((up - down) / (2 * step))
 
     def outrun(self, dq: Array) -> list[str]:
         """A line for every joint whose viscous terms would drive it at speeds within ``dq`` (T, n) [rad/s].
@@ -102,30 +108,41 @@ class Model:
 
 
 def effect_to_json(effect: Effect) -> dict[str, Any]:
-    """One entry of ``effects`` in model.json and diagnosis.json."""
+    """One entry of ``effects`` in model.json and diagnosis.json.
+
+    A parameter keyed ``"joint/name"`` (one body a link) becomes name and joint.
+    """
     kind = family(effect.effect)
-    joint = effect.joints[0] if effect.joints else None
+    own = effect.joints[0] if effect.joints else None
+    entries = []
+    for key in kind.published(effect.settings):
+        joint, name = split_key(key)
+        error = effect.std_errors.get(key)
+        entries.append(
+            {
+                "name": name,
+                "joint": own if joint is None else joint,
+                "value": float(effect.parameters[key]),
+                "std_error": None if error is None else float(error),
+                "unit": kind.unit(key, effect.settings),
+            }
+        )
     return {
         "effect": effect.effect,
         "joints": list(effect.joints),
-        "settings": dict(effect.settings),
-        "parameters": [
-            {
-                "name": p.name,
-                "joint": joint,
-                "value": float(effect.parameters[p.name]),
-                "std_error": None if p.name not in effect.std_errors else float(effect.std_errors[p.name]),
-                "unit": p.unit,
-            }
-            for p in kind.parameters
-        ],
+        "settings": json.loads(json.dumps(dict(effect.settings))),
+        "parameters": entries,
     }
 
 
 def effect_from_json(entry: Mapping[str, Any]) -> Effect:
     """Inverse of :func:`effect_to_json`."""
-    values = {p["name"]: float(p["value"]) for p in entry["parameters"]}
-    errors = {p["name"]: float(p["std_error"]) for p in entry["parameters"] if p["std_error"] is not None}
+    values, errors = {}, {}
+    for p in entry["parameters"]:
+        key = p["name"] if p["joint"] is None or p["joint"] in entry["joints"] else f"{p['joint']}/{p['name']}"
+        values[key] = float(p["value"])
+        if p["std_error"] is not None:
+            errors[key] = float(p["std_error"])
     return Effect(entry["effect"], tuple(entry["joints"]), values, dict(entry["settings"]), errors)
 
 
@@ -185,7 +202,7 @@ def _check_physics(model: Model) -> None:
         sums[slot] = sums.get(slot, np.zeros(len(own))) + own
     for slot, total in sums.items():
         kind = slot.family()
-        if np.any(total < kind.lower_bounds() - 1e-9):
+        if np.any(total < kind.lower_bounds(model.robot, slot) - 1e-9):
             where = "the robot" if slot.joint is None else model.robot.joint_names[slot.joint]
             shown = ", ".join(f"{k} = {v:g}" for k, v in kind.parameters_of(total, model.robot, slot).items())
             raise InputError(f"effect {slot.effect} of {where}: {shown}; expected >= 0, all in all")

@@ -25,12 +25,10 @@ def physical_constraints(
     ``base`` holds the coordinates of effects that the starting model has already: they may become less, the sum must
     stay physical. ``fastest`` (n,) [rad/s] is the highest speed seen of each joint.
     """
-    lower = np.concatenate([s.family().lower_bounds() - base.get(s, 0.0) for s in slots] or [np.zeros(0)])
-    bodies = []
+    lower = np.concatenate([s.family().lower_bounds(robot, s) - base.get(s, 0.0) for s in slots] or [np.zeros(0)])
+    bodies: list[tuple[int, Array]] = []
     for slot, start in zip(slots, starts, strict=True):
-        offset = slot.family().inertial_offset(robot, slot)
-        if offset is not None:
-            bodies.append((start, offset))
+        bodies += [(start + first, offset) for first, offset in slot.family().inertial_bodies(robot, slot)]
     places = [(s, start) for s, start in zip(slots, starts, strict=True) if s.family().viscous_powers]
     own = [(s, x) for s, x in base.items() if s.family().viscous_powers]
     rows, least = [], []
