@@ -139,7 +139,7 @@ def effect_from_json(entry: Mapping[str, Any]) -> Effect:
     """Inverse of :func:`effect_to_json`."""
     values, errors = {}, {}
     for p in entry["parameters"]:
-        key = p["name"] if p["joint"] is None or p["joint"] in entry["joints"] else f"{p['joint']}/{p['name']}"
+        key = p["name"] if p["joint"] is None or entry["joints"] else f"{p['joint']}/{p['name']}"
         values[key] = float(p["value"])
         if p["std_error"] is not None:
             errors[key] = float(p["std_error"])

@@ -11,16 +11,20 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.effects import Effect, family
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 
 Array = NDArray[np.float64]
 
-#: Variable against which an effect's residual is drawn.
-VARIABLE = {"armature": "ddq", "torque_offset": "time", "joint_spring": "q", "gravity_tilt": "q", "torque_ripple": "q"}
-LABEL = {"q": "position [rad]", "dq": "speed [rad/s]", "ddq": "acceleration [rad/s²]", "time": "time [s]"}
+LABEL = {
+    "q": "position [rad]",
+    "dq": "speed [rad/s]",
+    "ddq": "acceleration [rad/s²]",
+    "time": "time [s]",
+    "load": "rigid-body torque [N m]",
+}
 COLOURS = ("#b5482a", "#1f6f8b")
 MAX_POINTS = 1200
 
@@ -39,16 +43,14 @@ def effect_figure(effect: Effect, before: Model, after: Model, runs: Sequence[Ru
     names = after.robot.joint_names
     residuals = [np.concatenate([run.tau - predict_run(model, run) for run in runs]) for model in (before, after)]
     change = np.sqrt(np.mean((residuals[0] - residuals[1]) ** 2, axis=0))
-    if effect.joints:
-        joints = [names.index(effect.joints[0])]
-    joints_drawn = (
-        joints if effect.joints and effect.effect != "link_inertia" else sorted(np.argsort(-change)[:3].tolist())
-    )
-    kind = VARIABLE.get(effect.effect, "time" if not effect.joints or effect.effect == "link_inertia" else "dq")
+    known = family(effect.effect)
+    single = effect.joints and known.scope == "joint"
+    joints_drawn = [names.index(effect.joints[0])] if single else sorted(np.argsort(-change)[:3].tolist())
+    kind = known.drawn_against
     figure = Figure(figsize=(3.6 * len(joints_drawn), 2.6), layout="constrained", dpi=110)
     for place, j in enumerate(joints_drawn):
         axes = figure.add_subplot(1, len(joints_drawn), place + 1)
-        x = _run_time(runs) if kind == "time" else np.concatenate([getattr(run, kind)[:, j] for run in runs])
+        x = _run_time(runs) if kind == "time" else np.concatenate([_variable(after, run, kind)[:, j] for run in runs])
         thin = slice(None, None, max(len(x) // MAX_POINTS, 1))
         for values, colour, label in zip(residuals, COLOURS, ("before", "after"), strict=True):
             axes.plot(x[thin], values[thin, j], ".", color=colour, markersize=2, label=label, rasterized=True)
@@ -60,6 +62,13 @@ def effect_figure(effect: Effect, before: Model, after: Model, runs: Sequence[Ru
         if place == 0:
             axes.legend(fontsize=7, markerscale=4, frameon=False)
     return svg(figure)
+
+
+def _variable(model: Model, run: Run, kind: str) -> Array:
+    """State (K, n) of a run, or the rigid-body torque of ``model`` along it."""
+    if kind == "load":
+        return model.completed_robot.inverse_dynamics(run.q, run.dq, run.ddq)
+    return np.asarray(getattr(run, kind))
 
 
 def torque_figure(before: Model, after: Model, runs: Sequence[Run]) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Effect, Motion, Slot, family, plant
+from hybrid_dynamics.effects import Effect, Motion, family, plant
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.files import atomic_path
 from hybrid_dynamics.loop.diagnosis import errors_of, moving_rms
@@ -177,12 +177,9 @@ def draw_effects(
     slots, directions = [], []
     for name in hidden:
         kind = family(name)
-        options = kind.slots(robot, moving, {"sign_widths": (0.0,)})
-        if name == "link_inertia":
-            options = [s for s in options if s.joint]  # the first link only turns: its armature, by another name
-        slot = options[rng.integers(len(options))]
+        slot = kind.draw_slot(robot, moving, rng)
         slots.append(slot)
-        directions.append(_direction(slot, rng))
+        directions.append(kind.draw(robot, slot, rng))
     torques = []
     for slot, x in zip(slots, directions, strict=True):
         parts = []
@@ -211,27 +208,6 @@ def draw_effects(
         effects.append(Effect(slot.effect, joints, values, dict(slot.settings)))
         sizes.append(size)
     return effects, min(sizes, default=0.0)
-
-
-def _direction(slot: Slot, rng: np.random.Generator) -> Array:
-    """Coordinates of an effect up to a positive factor."""
-    kind = slot.family()
-    if kind.size == 10:
-        # A solid block somewhere within a hand's breadth, which any body may carry.
-        edge = rng.uniform(0.05, 0.2, 3)
-        inertia = (np.sum(edge**2) - edge**2) / 12
-        com = rng.uniform(-0.12, 0.12, 3)
-        skew = np.array([[0, -com[2], com[1]], [com[2], 0, -com[0]], [-com[1], com[0], 0]])
-        full = np.diag(inertia) - skew @ skew
-        return np.array([1.0, *com, full[0, 0], full[0, 1], full[1, 1], full[0, 2], full[1, 2], full[2, 2]])
-    if kind.viscous_powers:
-        return np.ones(kind.size)
-    if kind.size == 2:
-        angle = rng.uniform(0, 2 * np.pi)
-        return np.array([np.cos(angle), np.sin(angle)])
-    if kind.lower_bounds()[0] == 0:
-        return np.ones(kind.size)
-    return np.array([rng.choice([-1.0, 1.0])])
 
 
 def true_model(robot: Robot, truth: Mapping[str, Any]) -> Model:
@@ -297,36 +273,15 @@ def score_blind(
 def parameter_errors(
     truth: Mapping[str, Any], diagnosis: Mapping[str, Any], robot: Robot, runs: Sequence[Run]
 ) -> list[float]:
-    """Relative error of every hidden effect.
-
-    Scalars: of the parameter; tilt: of the angle vector; bodies: of the torque that the change adds on the test runs,
-    since single inertial parameters of a link are not determined by torque (only base parameters are).
-    """
+    """Relative error of every hidden effect: the largest of its parameters, see :meth:`Family.parameter_error`."""
     out = []
+    motions = [run.motion for run in runs]
     named = {(e["effect"], tuple(e["joints"])): e for e in diagnosis["effects"]}
     for entry in truth["effects"]:
         true = effect_from_json(entry)
         found = effect_from_json(named[true.effect, true.joints])
-        kind = family(true.effect)
-        if kind.size == 10:
-            slot = true.slot(robot)
-            difference = _coordinates(found, robot, slot) - _coordinates(true, robot, slot)
-            change = _coordinates(true, robot, slot)
-            wrong = added = 0.0
-            for run in runs:
-                columns = kind.columns(run.motion, slot)
-                wrong += float(np.sum((columns @ difference) ** 2))
-                added += float(np.sum((columns @ change) ** 2))
-            out.append(float(np.sqrt(wrong / added)))
-        else:
-            a = np.array([true.parameters[p.name] for p in kind.parameters])
-            b = np.array([found.parameters[p.name] for p in kind.parameters])
-            out.append(float(np.linalg.norm(b - a) / np.linalg.norm(a)))
+        out.append(max(family(true.effect).parameter_error(true, found, robot, motions).values()))
     return out
-
-
-def _coordinates(effect: Effect, robot: Robot, slot: Slot) -> Array:
-    return family(effect.effect).coordinates_of(effect.parameters, robot, slot)
 
 
 def write_blind(path: str | os.PathLike[str], rows: Iterable[Mapping[str, Any]]) -> None:
