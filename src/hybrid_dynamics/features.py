@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Signals of the feature matrix, in the order of its column blocks.
 FEATURES = ("q", "dq", "ddq", "dddq", "tau_inertia", "tau_coriolis", "tau_gravity")

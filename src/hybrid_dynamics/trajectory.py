@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import atomic_path
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 UNITS: Mapping[str, str] = MappingProxyType(
     {

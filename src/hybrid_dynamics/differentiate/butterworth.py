@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 from hybrid_dynamics.differentiate.differences import central_difference
 from hybrid_dynamics.differentiate.edges import chord, transient_samples
 from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
 from hybrid_dynamics.errors import ConfigError, InputError
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 ORDER = 4
 

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.differentiate.choice import MAX_ORDER, Choice
 from hybrid_dynamics.differentiate.method import Method
 from hybrid_dynamics.errors import ConfigError
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclass(frozen=True)

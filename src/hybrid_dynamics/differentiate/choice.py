@@ -15,7 +15,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.differentiate import butterworth
 from hybrid_dynamics.differentiate.differences import central_difference
@@ -23,8 +22,7 @@ from hybrid_dynamics.differentiate.edges import transient_samples
 from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
 from hybrid_dynamics.differentiate.spectrum import Spectrum, estimate_spectrum
 from hybrid_dynamics.errors import ConfigError
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 CRITERIA = ("surrogate", "discrepancy", "l_curve")
 #: Samples of the stretch (the middle of the run) on which a nonlinear method is tried out.

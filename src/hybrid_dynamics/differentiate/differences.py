@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import ConfigError, InputError
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 ACCURACIES = (2, 4, 6)
 

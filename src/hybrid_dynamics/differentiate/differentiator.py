@@ -6,12 +6,10 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.differentiate.choice import Choice
 from hybrid_dynamics.differentiate.method import Method
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclasses.dataclass(frozen=True)

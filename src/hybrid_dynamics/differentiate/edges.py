@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Length of a low-pass's transient in periods of its cut-off frequency: what is padded before, and trimmed after.
 TRANSIENT_PERIODS = 2.0

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
 from hybrid_dynamics.differentiate.chain import derivatives
 from hybrid_dynamics.differentiate.choice import minimise
@@ -16,8 +15,7 @@ from hybrid_dynamics.differentiate.method import Method
 from hybrid_dynamics.differentiate.registry import METHODS, get_method
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 SIGNALS = ("dq", "ddq", "dddq")
 #: Values tried in the first pass of the tuning on the truth.

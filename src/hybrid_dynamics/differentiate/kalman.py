@@ -9,14 +9,12 @@ response is 1/(1 + (f/fc)^6) with (2 pi fc)^6 = q/(r dt): ``cutoff_hz`` stands f
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 from scipy.signal import lfilter
 
 from hybrid_dynamics.differentiate.edges import chord, transient_samples
 from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 def _gains(w: float) -> tuple[Array, Array, Array]:

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.differentiate.edges import transient_samples
 from hybrid_dynamics.errors import ConfigError, InputError
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Options that every method takes, and that concern the choice of its parameter only.
 OPTIONS = ("criterion",)

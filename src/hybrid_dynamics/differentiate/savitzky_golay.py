@@ -5,14 +5,12 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from scipy.interpolate import CubicSpline
 
 from hybrid_dynamics.differentiate.method import Method
 from hybrid_dynamics.errors import ConfigError
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 DEGREE = 4
 

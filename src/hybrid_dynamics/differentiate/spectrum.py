@@ -14,13 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from scipy.ndimage import minimum_filter1d
 
 from hybrid_dynamics.errors import InputError
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 MIN_SAMPLES = 64
 

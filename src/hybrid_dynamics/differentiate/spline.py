@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 def _column(x: Array, dt: float, value: float, /) -> tuple[Array, Array]:

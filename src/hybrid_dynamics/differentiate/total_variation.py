@@ -16,13 +16,11 @@ does not depend on the sampling rate. The derivative is a staircase; at a sample
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.differentiate import tv_solver
 from hybrid_dynamics.differentiate.method import Method
 from hybrid_dynamics.errors import ConfigError
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 def objective(x_hat: Array, x: Array, dt: float, alpha: float) -> float:

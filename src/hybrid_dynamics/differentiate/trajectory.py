@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.differentiate import butterworth
 from hybrid_dynamics.differentiate.chain import derivatives
@@ -16,8 +15,7 @@ from hybrid_dynamics.differentiate.settings import ZOH, DifferentiateSettings
 from hybrid_dynamics.differentiate.spectrum import Spectrum, estimate_spectrum
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Largest deviation of a time step from the mean step, as a share of it.
 UNIFORM = 1e-3

@@ -16,12 +16,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from hybrid_dynamics.errors import ConfigError
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Relative duality gap at which the iteration stops, and the largest with which it may end when rounding stops it.
 TOLERANCE = 1e-10

@@ -140,7 +140,16 @@ def _hashable(value: Any) -> Any:
 
 
 class Family(ABC):
-    """One entry of the catalogue. Subclasses are registered by :func:`register` under ``name``."""
+    """One entry of the catalogue. Subclasses are registered by :func:`register` under ``name``.
+
+    >>> from hybrid_dynamics import Family
+    >>> from hybrid_dynamics.effects import catalogue, family
+    >>> viscous = family("viscous_friction")
+    >>> isinstance(viscous, Family), viscous.scope, viscous.parameters
+    (True, 'joint', (Parameter(name='viscous_coefficient', unit='N m s/rad'),))
+    >>> "coulomb_friction" in catalogue()
+    True
+    """
 
     name: ClassVar[str]
     scope: ClassVar[Scope]

@@ -15,8 +15,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: A column counts as dependent where this share of it, or less, is new beside the earlier columns. Exact descriptions
 #: leave 1e-15 of a dependent column and over 0.5 of an independent one; descriptions with rounded angles (1.5708) or

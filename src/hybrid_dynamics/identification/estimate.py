@@ -12,8 +12,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from hybrid_dynamics.identification.factors import BlockFactors
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 #: Directions whose singular value (unit columns) is below this share of the largest count as not excited.

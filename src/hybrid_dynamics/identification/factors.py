@@ -23,8 +23,7 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.identification.base_parameters import BaseParameters, full_regressor
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 _FEWEST_MOVING_ROWS = 0.05  # below this share of moving rows a joint's friction is left at zero
 

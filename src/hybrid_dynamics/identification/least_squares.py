@@ -17,7 +17,6 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import HybridDynamicsError, InputError, require
 from hybrid_dynamics.identification.base_parameters import BaseParameters, base_parameters, full_regressor
@@ -26,8 +25,7 @@ from hybrid_dynamics.identification.factors import block_factors, low_pass_taps,
 from hybrid_dynamics.identification.physical import physical_least_squares
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 FRICTION = (("fv", "viscous_coefficient", "N m s/rad"), ("fc", "coulomb_torque", "N m"), ("fo", "offset", "N m"))
 _CHUNK = 5000

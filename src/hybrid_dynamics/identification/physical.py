@@ -23,11 +23,10 @@ import warnings
 import cvxpy as cp
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import HybridDynamicsError
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 
 # Multiples of the wanted pull towards the prior that are tried in turn.

@@ -38,7 +38,16 @@ KNOCK_REACH = 2.0
 
 @dataclass(frozen=True)
 class LoopResult:
-    """``model``: the completed one; ``stages``: the start, then after each named effect; ``steps``: the evidence."""
+    """``model``: the completed one; ``stages``: the start, then after each named effect; ``steps``: the evidence.
+
+    >>> from hybrid_dynamics import LoopSettings, Robot, close_loop, read_log
+    >>> robot = Robot.from_urdf("robot.urdf")
+    >>> train = [read_log("train_1.parquet", robot.joint_names)]
+    >>> friction = LoopSettings(effects=("viscous_friction", "coulomb_friction"))
+    >>> result = close_loop(robot, train, [], friction)  # without a test run the end of the training run is held out
+    >>> len(result.stages) == 1 + len(result.model.effects), len(result.test)
+    (True, 1)
+    """
 
     model: Model
     diagnosis: dict[str, Any]
@@ -62,6 +71,16 @@ def close_loop(
 
     ``train`` and ``test`` hold ``q tau`` (``dq`` where the log has it) on a uniform grid. Without test runs the last
     part of every training run is held out. Raises :class:`InputError` where no verdict can be given.
+
+    >>> from hybrid_dynamics import Robot, close_loop, read_log
+    >>> robot = Robot.from_urdf("robot.urdf")
+    >>> train = [read_log(f"train_{k}.parquet", robot.joint_names) for k in (1, 2)]
+    >>> test = [read_log("test_1.parquet", robot.joint_names, split="test")]
+    >>> result = close_loop(robot, train, test)
+    >>> for effect in result.model.effects:
+    ...     print(effect.effect, *effect.joints, *(f"{v:.2f}" for v in effect.parameters.values()))
+    viscous_friction shoulder 3.00
+    coulomb_friction elbow 1.50
     """
     # One thread: matrices are small, and the same input gives the same digits on every machine load.
     with threadpool_limits(1):

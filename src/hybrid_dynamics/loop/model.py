@@ -26,7 +26,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Model:
-    """Rigid body plus effects. ``predict`` takes the states (T, n) of a run and returns torque (T, n) [N m]."""
+    """Rigid body plus effects. ``predict`` takes the states (T, n) of a run and returns torque (T, n) [N m].
+
+    >>> from hybrid_dynamics import Model, Robot
+    >>> from hybrid_dynamics.effects import Effect
+    >>> robot = Robot.from_urdf("robot.urdf")
+    >>> grease = Effect("viscous_friction", ("elbow",), {"viscous_coefficient": 0.5})  # N m s/rad
+    >>> q, dq, ddq = [[0.0, 0.0]], [[0.0, 2.0]], [[0.0, 0.0]]
+    >>> (Model(robot, (grease,)).predict(q, dq, ddq) - Model(robot).predict(q, dq, ddq)).round(6)
+    array([[0., 1.]])
+    """
 
     robot: Robot
     effects: tuple[Effect, ...] = ()
@@ -164,7 +173,14 @@ def save_model(path: str | os.PathLike[str], model: Model) -> None:
 
 
 def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
-    """Read ``model.json`` for ``robot``; :class:`InputError` says what does not fit."""
+    """Read ``model.json`` for ``robot``; :class:`InputError` says what does not fit.
+
+    >>> from hybrid_dynamics import Model, Robot, load_model
+    >>> robot = Robot.from_urdf("robot.urdf")
+    >>> Model(robot).save("nothing_added.json")
+    >>> load_model("nothing_added.json", robot).effects
+    ()
+    """
     try:
         value = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
         jsonschema.validate(value, load_schema("model"))

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.features import FEATURES
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @runtime_checkable

@@ -12,12 +12,10 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 from sympy.printing.str import StrPrinter
 
 from hybrid_dynamics.errors import InputError
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 _FUNCTIONS: dict[str, Callable[..., sp.Expr]] = {
     "sin": sp.sin,

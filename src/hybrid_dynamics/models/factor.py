@@ -18,8 +18,7 @@ from safetensors.numpy import save_file
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.files import atomic_path
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclass(frozen=True)

@@ -15,16 +15,15 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.models.base import check_data, check_features
+from hybrid_dynamics.types import Array
 
 if TYPE_CHECKING:
     import torch
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int, float], None]
 
 _PREDICT_ROWS = 16_384

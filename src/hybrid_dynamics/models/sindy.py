@@ -26,8 +26,7 @@ from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models.base import check_data, check_features
 from hybrid_dynamics.models.factor import Factor
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Columns that vary less than this are not scaled.
 _SMALLEST_STD = 1e-9

@@ -78,7 +78,14 @@ def read_log(
     settings: ResampleSettings | None = None,
     notify: Notify | None = None,
 ) -> Trajectory:
-    """Like :func:`read_pieces` for callers that need one run: a run with a long gap is refused."""
+    """Like :func:`read_pieces` for callers that need one run: a run with a long gap is refused.
+
+    >>> from hybrid_dynamics import Robot, read_log
+    >>> robot = Robot.from_urdf("robot.urdf")
+    >>> run = read_log("train_1.parquet", robot.joint_names)
+    >>> sorted(run.signals), run["q"].shape
+    (['q', 'tau'], (3200, 2))
+    """
     parts = read_pieces(path, joint_names, name, split, topic, settings, notify)
     if len(parts) > 1:
         raise InputError(

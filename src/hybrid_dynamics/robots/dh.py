@@ -16,11 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import ConfigError, require
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
+
 #: Samples a block: the intermediate arrays stay in the processor's cache and calls still cost little.
 BLOCK = 512
 #: Products of angular velocity that the regressor is linear in.

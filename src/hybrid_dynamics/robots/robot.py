@@ -13,13 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots.regressor import regressor_of_samples
 from hybrid_dynamics.robots.urdf import lock_joints, movable_joints
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclass(frozen=True)
@@ -39,6 +37,14 @@ class Robot:
     """Rigid-body dynamics of a fixed-base arm.
 
     ``model`` is the Pinocchio model; a caller that changes it (armature, inertia, gravity) works on :meth:`copy`.
+
+    >>> from hybrid_dynamics import Robot
+    >>> robot = Robot.from_urdf("robot.urdf")
+    >>> robot.joint_names
+    ('shoulder', 'elbow')
+    >>> still = [0.0, 0.0]
+    >>> robot.inverse_dynamics([0.0, 0.0], still, still).round(2) + 0.0  # the arm stands upright
+    array([[0., 0.]])
     """
 
     def __init__(self, model: pin.Model, joint_names: tuple[str, ...], name: str) -> None:

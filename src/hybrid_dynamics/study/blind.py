@@ -14,7 +14,6 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Motion, family, plant
 from hybrid_dynamics.errors import require
@@ -30,8 +29,7 @@ from hybrid_dynamics.simulation.references import Reference, ReferenceSettings, 
 from hybrid_dynamics.simulation.rollout import SimulationSettings
 from hybrid_dynamics.simulation.sensors import SensorSettings, record
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 FIRST_FAMILIES = (
     "viscous_friction",

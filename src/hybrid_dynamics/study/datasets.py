@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.readers import Notify, Ur10eSettings, read_pieces, read_ur10e, read_wam, read_wam_reference
@@ -25,8 +24,8 @@ from hybrid_dynamics.simulation.rollout import Progress
 from hybrid_dynamics.simulation.sensors import SensorSettings
 from hybrid_dynamics.simulation.twin import DriveFriction, Recording, simulate_twin, with_armature
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 PACKAGE = "package:"
 SOURCE = "source:"
 

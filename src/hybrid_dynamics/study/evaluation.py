@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.metrics import Errors, torque_errors
 from hybrid_dynamics.study.layout import POOL
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 #: Trajectory -> predicted torque (T, n) [N m].
 Predictor = Callable[[Trajectory], Array]
 

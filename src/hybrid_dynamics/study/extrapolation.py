@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.features import FEATURES, feature_matrix
 from hybrid_dynamics.trajectory import Trajectory, iter_trajectories
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from hybrid_dynamics.models.symbolic.settings import Candidate, SymbolicSettings
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 class Engine(Protocol):

@@ -9,7 +9,6 @@ from typing import Self
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
@@ -19,8 +18,8 @@ from hybrid_dynamics.models.expressions import CompiledExpressions
 from hybrid_dynamics.models.symbolic.registry import make_engine
 from hybrid_dynamics.models.symbolic.search import symbolic_regression
 from hybrid_dynamics.models.symbolic.settings import FrontRow, SymbolicResult, SymbolicSettings
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 

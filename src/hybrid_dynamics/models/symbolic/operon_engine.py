@@ -6,13 +6,11 @@ import warnings
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from hybrid_dynamics.models.expressions import parse_expression
 from hybrid_dynamics.models.symbolic.engines import batch_rows, is_finite, pareto, variable_names
 from hybrid_dynamics.models.symbolic.settings import Candidate, SymbolicSettings
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 _DIGITS = 17
 

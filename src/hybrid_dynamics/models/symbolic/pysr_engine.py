@@ -9,15 +9,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_dynamics.errors import MissingDependencyError
 from hybrid_dynamics.models.expressions import parse_expression
 from hybrid_dynamics.models.symbolic.engines import is_finite, pareto, variable_names
 from hybrid_dynamics.models.symbolic.settings import BINARY, Candidate, SymbolicSettings
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 _SYMBOLS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 

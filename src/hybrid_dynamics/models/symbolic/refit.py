@@ -17,8 +17,7 @@ from scipy.optimize import least_squares
 
 from hybrid_dynamics.models.expressions import CompiledExpressions, complexity
 from hybrid_dynamics.models.sindy import triangular_factor
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: A column whose share outside the span of the simpler ones is below this adds nothing a double can tell.
 _DEPENDENT = 1e-9

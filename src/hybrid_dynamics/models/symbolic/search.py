@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.models.expressions import (
@@ -30,8 +29,7 @@ from hybrid_dynamics.models.symbolic.settings import (
     SymbolicSettings,
     best_candidate,
 )
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Columns that vary less than this are no variables.
 _SMALLEST_STD = 1e-9

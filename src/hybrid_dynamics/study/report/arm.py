@@ -17,8 +17,8 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import atomic_path
 from hybrid_dynamics.robots.urdf import movable_joints, read_urdf
 from hybrid_dynamics.study.report.render import Camera, Surface, look_at, render, shadow
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 GREY = (0.86, 0.87, 0.88)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 OVERSAMPLING = 2
 #: Candidate pixels per batch: bounds the memory of the rasteriser (about 200 MB).
