@@ -308,6 +308,15 @@ class Family(ABC):
         refined = {r.name for r in self.nonlinear_settings}
         return np.array([parameters[p.name] for p in self.parameters if p.name not in refined])
 
+    def left_open(self, slot: Slot, loose: NDArray[np.bool_]) -> list[str]:
+        """Keys of the published parameters that the ``loose`` coordinates (p,), left to the prior, leave open."""
+        keys = self.published(slot.options)
+        refined = {r.name for r in self.nonlinear_settings}
+        linear = [key for key in keys if key not in refined]
+        if len(linear) == len(loose):
+            return [key for key, is_open in zip(linear, loose, strict=True) if is_open]
+        return list(keys) if bool(np.any(loose)) else []
+
     def jacobian(self, x: Array, robot: Robot, slot: Slot) -> Array:
         """Derivative of the published parameters with respect to the coordinates, (number of parameters, p)."""
 

@@ -103,8 +103,8 @@ def undetermined(evidence: Evidence, slots: Sequence[Slot], slot: Slot) -> list[
     variance = np.diag(inverse) * scale**2
     start = layout.starts[layout.slots.index(slot)]
     kind = slot.family()
-    loose = variance[start : start + kind.size] > 0.1 * kind.prior_scale() ** 2
-    return [p.name for p, open_ in zip(kind.parameters, loose, strict=True) if open_]
+    loose = variance[start : start + slot.size] > 0.1 * kind.prior_scale(evidence.robot, slot) ** 2
+    return kind.left_open(slot, loose)
 
 
 def inconsistent(
