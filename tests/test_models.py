@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 
 from hybrid_dynamics.errors import ConfigError, InputError
+from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models import (
     METHODS,
     CompiledExpressions,
@@ -21,7 +22,6 @@ from hybrid_dynamics.models import (
     build_estimator,
     estimator_expressions,
     estimator_front,
-    feature_names,
     load_estimator,
     save_estimator,
 )

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models import (
     HybridEstimator,
     RigidBody,
     SymbolicEstimator,
     SymbolicSettings,
-    feature_names,
     symbolic_regression,
 )
 from hybrid_dynamics.models.base import check_data

@@ -19,14 +19,16 @@ from __future__ import annotations
 
 import logging
 import warnings
+from typing import TYPE_CHECKING
 
-import cvxpy as cp
 import numpy as np
 import scipy.linalg
 
 from hybrid_dynamics.errors import HybridDynamicsError
 from hybrid_dynamics.types import Array
 
+if TYPE_CHECKING:
+    import cvxpy as cp
 log = logging.getLogger(__name__)
 
 # Multiples of the wanted pull towards the prior that are tried in turn.
@@ -87,6 +89,8 @@ def _solve(problem: cp.Problem, weight: cp.Parameter, prior_weight: float) -> No
     Short or poor recordings leave directions that only the prior determines; a pull of 1e-5 against well measured
     directions is then beyond double precision. What was needed is logged, not hidden.
     """
+    import cvxpy as cp
+
     status = ""
     for weight.value in (prior_weight * step for step in _STRONGER):
         with warnings.catch_warnings():
@@ -128,6 +132,8 @@ def physical_least_squares(
     ``prior_armature`` and ``armature_scale`` (n,) [kg m^2]. Returns ``pi`` (10 n,), ``Ia`` (n,) and friction
     ``[fv, fc, fo]`` (3 n,). Constraints: pseudo-inertias positive definite; Ia, fv, fc >= 0. Deterministic.
     """
+    import cvxpy as cp  # here: it takes a second to import
+
     n = len(prior_armature)
     p = len(grouping)
     links = feasible_prior(prior).reshape(n, 10)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import sympy as sp
 
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
-from hybrid_dynamics.models.symbolic import SymbolicSettings, symbolic_regression
 
 #: Operators beyond the paper's: friction needs sign and abs, springs and gravity sin and cos.
 OPERATORS = ("add", "sub", "mul", "sign", "abs", "sin", "cos")
@@ -23,6 +21,11 @@ def expression_of(model: Model, runs: Sequence[Run], joint: int, evaluations: in
     Its variables are the joint's own position, speed and acceleration and the speeds of the others; at most ``rows``
     moving samples are used, evenly spaced. ``0`` where nothing but noise is found.
     """
+    # Symbolic regression is rarely asked for, and its libraries take a second to import.
+    import sympy as sp
+
+    from hybrid_dynamics.models.symbolic import SymbolicSettings, symbolic_regression
+
     n = model.robot.n_joints
     keep = np.concatenate([run.mask[:, joint] for run in runs])
     left = np.concatenate([(run.tau - predict_run(model, run))[:, joint] for run in runs])[keep]

@@ -1,52 +1,7 @@
 """Torque models shaped like scikit-learn's: ``fit(X, y)``, ``predict(X)``, learned state in names that end in ``_``."""
 
-from hybrid_dynamics.features import feature_names
-from hybrid_dynamics.models.base import Estimator, HybridEstimator, RigidBody
-from hybrid_dynamics.models.expressions import CompiledExpressions, complexity, format_expression, parse_expression
-from hybrid_dynamics.models.factor import Factor
-from hybrid_dynamics.models.methods import (
-    METHODS,
-    MethodSettings,
-    build_estimator,
-    estimator_expressions,
-    estimator_front,
-    fit_factor,
-)
-from hybrid_dynamics.models.network import NetworkEstimator, NetworkSettings
-from hybrid_dynamics.models.sindy import SindyEstimator, SindySettings, factorize
-from hybrid_dynamics.models.storage import load_estimator, save_estimator
-from hybrid_dynamics.models.symbolic import (
-    SymbolicEstimator,
-    SymbolicResult,
-    SymbolicSettings,
-    symbolic_regression,
-)
+import lazy_loader
 
-__all__ = [
-    "METHODS",
-    "CompiledExpressions",
-    "Estimator",
-    "Factor",
-    "HybridEstimator",
-    "MethodSettings",
-    "NetworkEstimator",
-    "NetworkSettings",
-    "RigidBody",
-    "SindyEstimator",
-    "SindySettings",
-    "SymbolicEstimator",
-    "SymbolicResult",
-    "SymbolicSettings",
-    "build_estimator",
-    "complexity",
-    "estimator_expressions",
-    "estimator_front",
-    "factorize",
-    "feature_names",
-    "fit_factor",
-    "format_expression",
-    "load_estimator",
-    "parse_expression",
-    "save_estimator",
-    "symbolic_regression",
-]
+# What the package offers stands in __init__.pyi, for readers, type checkers and the loader: scikit-learn, PySINDy and
+# SymPy take seconds to import, and the loop needs little of them.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

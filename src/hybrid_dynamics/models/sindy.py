@@ -10,13 +10,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
-from pysindy.feature_library import PolynomialLibrary
-from pysindy.optimizers import STLSQ
 from scipy.linalg import lapack
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.exceptions import ConvergenceWarning
@@ -27,6 +24,9 @@ from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models.base import check_data, check_features
 from hybrid_dynamics.models.factor import Factor
 from hybrid_dynamics.types import Array
+
+if TYPE_CHECKING:
+    import sympy as sp
 
 #: Columns that vary less than this are not scaled.
 _SMALLEST_STD = 1e-9
@@ -86,12 +86,19 @@ def triangular_factor(X: Array, y: Array, library: Callable[[Array], Array], wid
 def factorize(X: Array, y: Array, settings: SindySettings) -> Factor:
     """Reduce ``X`` (N, 7n) and ``y`` (N, n) [N m] to the factor that :meth:`SindyEstimator.fit_factor` takes."""
     X, y = check_data(X, y)
-    library = PolynomialLibrary(degree=settings.degree).fit(np.zeros((1, X.shape[1])))
+    library = _library(settings.degree, X.shape[1])
     powers = np.asarray(library.powers_)
     with threadpool_limits(_THREADS, user_api="blas"):
         R = triangular_factor(X, y, lambda part: np.asarray(library.transform(part)), len(powers), settings.chunk_rows)
     width = len(powers)
     return Factor(R[:, :width], R[:, width:], len(X), powers.astype(np.int64), np.var(y, axis=0))
+
+
+def _library(degree: int, features: int) -> Any:
+    """PySINDy's polynomial library over ``features`` columns. Imported where it is used: PySINDy takes a second."""
+    from pysindy.feature_library import PolynomialLibrary
+
+    return PolynomialLibrary(degree=degree).fit(np.zeros((1, features)))
 
 
 class SindyEstimator(RegressorMixin, BaseEstimator):
@@ -114,6 +121,8 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
 
     def fit_factor(self, factor: Factor) -> Self:
         """Fit to data that :func:`factorize` has reduced; the same coefficients as :meth:`fit`."""
+        from pysindy.optimizers import STLSQ
+
         settings = self.settings or SindySettings()
         self.n_joints_ = factor.n_joints
         self.names_ = feature_names(self.n_joints_)
@@ -144,7 +153,7 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
         """Take (term name, coefficient) lists, one per joint, as what was learned; the names as :meth:`term_names`."""
         self.n_joints_ = len(terms)
         self.names_ = feature_names(self.n_joints_)
-        self._build_library((self.settings or SindySettings()).degree, len(self.names_))
+        self._set_powers(np.asarray(_library((self.settings or SindySettings()).degree, len(self.names_)).powers_))
         position = {name: k for k, name in enumerate(self.term_names())}
         self.coef_ = np.zeros((self.n_joints_, len(position)))
         for joint, pairs in enumerate(terms):
@@ -152,11 +161,6 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
                 self.coef_[joint, position[name]] = value
         self.converged_ = converged
         self._activate()
-
-    def _build_library(self, degree: int, features: int) -> PolynomialLibrary:
-        library = PolynomialLibrary(degree=degree).fit(np.zeros((1, features)))
-        self._set_powers(np.asarray(library.powers_))
-        return library
 
     def _set_powers(self, powers: NDArray[np.int64]) -> None:
         self.powers_ = powers
@@ -193,6 +197,8 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
 
     def expressions(self) -> list[sp.Expr]:
         """One polynomial per joint, over symbols named as the features."""
+        import sympy as sp
+
         symbols = [sp.Symbol(name) for name in self.names_]
         out = []
         for row in self.coef_:

@@ -1,18 +1,5 @@
 """Symbolic regression: two engines behind one interface, constants re-fitted, small terms dropped, the front kept."""
 
-from hybrid_dynamics.models.symbolic.engines import Engine
-from hybrid_dynamics.models.symbolic.estimator import SymbolicEstimator
-from hybrid_dynamics.models.symbolic.registry import make_engine
-from hybrid_dynamics.models.symbolic.search import symbolic_regression
-from hybrid_dynamics.models.symbolic.settings import Candidate, FrontRow, SymbolicResult, SymbolicSettings
+import lazy_loader
 
-__all__ = [
-    "Candidate",
-    "Engine",
-    "FrontRow",
-    "SymbolicEstimator",
-    "SymbolicResult",
-    "SymbolicSettings",
-    "make_engine",
-    "symbolic_regression",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # from __init__.pyi, loaded when used
