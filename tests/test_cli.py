@@ -81,7 +81,7 @@ def test_predict_needs_no_torque(here):
     assert run(*PREDICT, "full.parquet") == 0
     assert run(*PREDICT[:-3], "--data", "motion.csv", "--out", "motion.parquet") == 0
     full, motion = (pq.read_table(f"{name}.parquet").to_pandas() for name in ("full", "motion"))
-    np.testing.assert_allclose(full.to_numpy(), motion.to_numpy(), atol=1e-9)
+    np.testing.assert_allclose(full[motion.columns].to_numpy(), motion.to_numpy(), atol=1e-9)
     # The control: the prediction is this run's torque, but for noise.
     measured = np.interp(full["time"], log["time"], log["tau2"].rolling(21, center=True, min_periods=1).mean())
     assert np.std(full["tau2"] - measured) < 0.1 * np.std(measured)
@@ -91,7 +91,7 @@ def test_predict_needs_no_torque(here):
     ("command", "out", "message"),
     [
         (PREDICT, "run.parquet", "run.parquet: is an input and would be overwritten"),
-        (PREDICT, "model.json", "model.json: expected a file name that ends in .parquet"),
+        (PREDICT, "model.json", "model.json: expected a file name that ends in .parquet or .csv"),
         (PREDICT, "folder.parquet", "folder.parquet: is a folder"),
         (PREDICT, "robot.urdf/p.parquet", "robot.urdf: is a file"),
         (IMPORT, "run.parquet", "run.parquet: is an input and would be overwritten"),
@@ -100,7 +100,11 @@ def test_predict_needs_no_torque(here):
         (CLOSE, "robot.urdf", "robot.urdf: is a file"),
         (CLOSE, "robot.urdf/sub/out", "robot.urdf: is a file"),
         ((*CLOSE[:-1], "--model", "model.json", "--out"), ".", "model.json: is an input and would be overwritten"),
-        ((*CLOSE[:-1], "--model", "folder.parquet", "--out"), "out", "folder.parquet: Is a directory"),
+        (
+            (*CLOSE[:-1], "--model", "folder.parquet", "--out"),
+            "out",
+            "folder.parquet: is a folder; give the model.json",
+        ),
         ((*CLOSE[:-1], "--test", "run.parquet", "--out"), "out", "run.parquet: is given to --train and to --test"),
         ((*IMPORT[:-1], "--topic", "/joint_states", "--out"), "out.parquet", "a table has no topics"),
     ],

@@ -82,7 +82,7 @@ def test_close_loop_writes_its_three_files_and_predict_uses_them(logs, tmp_path,
     model = ("predict", "--model", out / "model.json", "--robot", logs / "panda.urdf")
     assert run(*model, "--data", logs / "test_1.parquet", "--out", table) == 0
     predicted = pq.read_table(table).to_pandas()
-    assert list(predicted.columns) == ["time", *(f"tau{j}" for j in range(1, 8))]
+    assert list(predicted.columns)[:8] == ["time", *(f"tau{j}" for j in range(1, 8))]
     log = pd.read_parquet(logs / "test_1.parquet")
     measured = np.interp(predicted["time"], log["time"], log["tau1"].rolling(21, center=True, min_periods=1).mean())
     assert np.std(predicted["tau1"] - measured) < 0.1 * np.std(measured)

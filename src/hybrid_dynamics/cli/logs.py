@@ -9,11 +9,6 @@ from hybrid_dynamics.readers.log import read_pieces
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
-LOG_HELP = (
-    "A LOG is CSV or Parquet with the header time,q1..qn[,dq1..dqn],tau1..taun (SI units; joints in the order of the "
-    "URDF; torque is what the drive delivers, positive along the joint axis), or a ROS bag or MCAP with JointState."
-)
-
 
 def read_logs(
     paths: Sequence[Path], robot: Robot, split: str, notices: list[str], torque: bool = True

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import jsonschema
@@ -18,8 +17,10 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Effect, Readings, Slot, StateTorque, family, plant, readings, split_key
 from hybrid_dynamics.effects.plant import predict_planted
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
-from hybrid_dynamics.files import write_json
+from hybrid_dynamics.files import json_text, write_text
+from hybrid_dynamics.loop.provenance import check_identity, identity_of
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.strict_json import read_json
 
 Array = NDArray[np.float64]
 
@@ -160,20 +161,37 @@ def load_schema(name: str) -> dict[str, Any]:
     return dict(json.loads(files("hybrid_dynamics.loop").joinpath(f"{name}.schema.json").read_text(encoding="utf-8")))
 
 
-def save_model(path: str | os.PathLike[str], model: Model) -> None:
-    """Write ``model.json``: names and numbers only."""
+def save_model(path: str | os.PathLike[str], model: Model, record: Mapping[str, Any] | None = None) -> None:
+    """Write ``model.json``: names and numbers only, with the dynamics of the robot it was made for.
+
+    ``record`` holds the optional blocks ``provenance`` and ``uncertainty``.
+    """
     value = {
         "schema": 1,
         "robot": model.robot.name,
         "joints": list(model.robot.joint_names),
         "effects": [effect_to_json(e) for e in model.effects],
+        **identity_of(model.robot),
+        **(record or {}),
     }
     jsonschema.validate(value, load_schema("model"))
-    write_json(path, value)
+    write_text(path, json_text(value))
+
+
+def read_model(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The content of ``model.json``, checked against its schema; :class:`InputError` says what is wrong with it."""
+    value = read_json(path, "the model.json that close-loop wrote")
+    try:
+        jsonschema.validate(value, load_schema("model"))
+    except jsonschema.ValidationError as error:
+        where = "/".join(str(p) for p in error.absolute_path) or "top level"
+        message = error.message if len(error.message) <= 200 else f"{error.message[:197]}..."
+        raise InputError(f"{path}: {where}: {message}; give the model.json that close-loop wrote") from None
+    return dict(value)
 
 
 def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
-    """Read ``model.json`` for ``robot``; :class:`InputError` says what does not fit.
+    """Read ``model.json`` for ``robot``; :class:`InputError` says what does not fit, another robot by what differs.
 
     >>> from hybrid_dynamics import Model, Robot, load_model
     >>> robot = Robot.from_urdf("robot.urdf")
@@ -181,20 +199,12 @@ def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
     >>> load_model("nothing_added.json", robot).effects
     ()
     """
-    try:
-        value = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-        jsonschema.validate(value, load_schema("model"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such model file; give the model.json that close-loop wrote") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not valid JSON ({error}); give the model.json that close-loop wrote") from None
-    except jsonschema.ValidationError as error:
-        where = "/".join(str(p) for p in error.absolute_path) or "top level"
-        raise InputError(f"{path}: {where}: {error.message}; give the model.json that close-loop wrote") from None
+    value = read_model(path)
     if tuple(value["joints"]) != robot.joint_names:
         raise InputError(
             f"{path}: made for joints {', '.join(value['joints'])}; the robot has {', '.join(robot.joint_names)}"
         )
+    check_identity(value, robot, path)
     try:
         model = Model(robot, tuple(effect_from_json(e) for e in value["effects"]))
         _check_physics(model)
@@ -202,10 +212,6 @@ def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
     except HybridDynamicsError as error:
         raise InputError(f"{path}: {error}; give the model.json that close-loop wrote") from None
     return model
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(f"{name} is no number a model may hold")
 
 
 def _check_physics(model: Model) -> None:
