@@ -10,8 +10,9 @@ from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.features import feature_matrix
 from hybrid_dynamics.files import atomic_path
 from hybrid_dynamics.identification import LeastSquares
-from hybrid_dynamics.loop import Model
-from hybrid_dynamics.models import RigidBody, load_estimator
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.models.base import RigidBody
+from hybrid_dynamics.models.storage import load_estimator
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.study.datasets import TwinSettings, true_torque

@@ -4,7 +4,7 @@ import numpy as np
 
 from hybrid_dynamics.errors import require, run_main
 from hybrid_dynamics.features import feature_matrix
-from hybrid_dynamics.models import SindySettings, factorize
+from hybrid_dynamics.models.sindy import SindySettings, factorize
 from hybrid_dynamics.study.config import load_params, section
 from stages.common import dataset_argument, measured, training_runs
 

@@ -7,7 +7,7 @@ from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models import (
     Factor,
-    MethodSettings,
+    SindySettings,
     build_estimator,
     factorize,
     fit_factor,
@@ -29,9 +29,8 @@ def data():
 @pytest.mark.parametrize("method", ["sindy", "sindy_scaled", "r_sindy", "r_sindy_scaled"])
 def test_same_model_as_the_direct_fit(data, method, tmp_path):
     X, y = data
-    settings = MethodSettings()
-    direct = build_estimator(method, settings).fit(X, y)
-    reduced = fit_factor(method, settings, factorize(X, y, settings.sindy))
+    direct = build_estimator(method).fit(X, y)
+    reduced = fit_factor(method, None, factorize(X, y, SindySettings()))
     np.testing.assert_allclose(reduced.predict(X), direct.predict(X), atol=1e-8)
     save_estimator(reduced, tmp_path)
     np.testing.assert_array_equal(load_estimator(tmp_path).predict(X), reduced.predict(X))
@@ -39,15 +38,15 @@ def test_same_model_as_the_direct_fit(data, method, tmp_path):
 
 def test_residual_holds_friction_alone_and_the_torque_does_not(data):
     X, y = data
-    factor = factorize(X, y, MethodSettings().sindy)
-    residual = fit_factor("r_sindy", MethodSettings(), factor)
+    factor = factorize(X, y, SindySettings())
+    residual = fit_factor("r_sindy", None, factor)
     assert [str(e.free_symbols) for e in residual.residual.expressions()] == ["{dq1}", "{dq2}"]
-    whole = fit_factor("sindy", MethodSettings(), factor)
+    whole = fit_factor("sindy", None, factor)
     assert len(whole.expressions()[0].free_symbols) == 4
 
 
 def test_factor_survives_the_disk(data, tmp_path):
-    factor = factorize(*data, MethodSettings().sindy)
+    factor = factorize(*data, SindySettings())
     factor.save(tmp_path / "f.safetensors")
     back = Factor.load(tmp_path / "f.safetensors")
     np.testing.assert_array_equal(back.theta, factor.theta)
@@ -61,4 +60,4 @@ def test_missing_or_damaged_file_and_wrong_method_are_named(data, tmp_path):
     with pytest.raises(InputError, match="not a readable factor"):
         Factor.load(tmp_path / "bad")
     with pytest.raises(ConfigError, match="expected a SINDy method"):
-        fit_factor("r_nn", MethodSettings(), factorize(*data, MethodSettings().sindy))
+        fit_factor("r_nn", None, factorize(*data, SindySettings()))

@@ -9,10 +9,8 @@ import sympy as sp
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models import (
-    METHODS,
     CompiledExpressions,
     HybridEstimator,
-    MethodSettings,
     NetworkEstimator,
     NetworkSettings,
     RigidBody,
@@ -20,17 +18,16 @@ from hybrid_dynamics.models import (
     SindySettings,
     SymbolicSettings,
     build_estimator,
-    estimator_expressions,
-    estimator_front,
     load_estimator,
     save_estimator,
 )
+from hybrid_dynamics.models.methods import METHODS, Layer, Method, _table, layered
 
 DAMPING = np.array([3.0, 0.5])
-QUICK = MethodSettings(
-    sr=SymbolicSettings(evaluations=4000, population=200, batch=1000, max_rounds=3),
-    nn=NetworkSettings(hidden=(16,), epochs=3, batch_size=128, learning_rate=1e-2),
-)
+QUICK = {
+    "sr": SymbolicSettings(evaluations=4000, population=200, batch=1000, max_rounds=3),
+    "nn": NetworkSettings(hidden=(16,), epochs=3, batch_size=128, learning_rate=1e-2),
+}
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +68,7 @@ def test_method_holds_exactly_the_true_terms(arm, method):
     X, y = arm
     model = build_estimator(method, QUICK).fit(X, y)
     rigid = ["tau_inertia", "tau_coriolis", "tau_gravity"] if not method.startswith("r_") else []
-    for j, expression in enumerate(estimator_expressions(model), start=1):
+    for j, expression in enumerate(model.expressions(), start=1):
         terms = expression.as_coefficients_dict()
         terms = {str(term): float(value) for term, value in terms.items()}
         expected = {f"{name}{j}": 1.0 for name in rigid} | {f"dq{j}": DAMPING[j - 1]}
@@ -85,7 +82,7 @@ def test_a_wrong_structure_is_not_found(arm):
     X, _ = arm
     y = RigidBody().predict(X) + DAMPING * X[:, [3, 2]]
     model = build_estimator("r_sindy_scaled", QUICK).fit(X, y)
-    assert [str(e.free_symbols) for e in estimator_expressions(model)] == ["{dq2}", "{dq1}"]
+    assert [str(e.free_symbols) for e in model.expressions()] == ["{dq2}", "{dq1}"]
 
 
 def test_fitted_base_is_not_fitted_again(arm):
@@ -98,7 +95,7 @@ def test_fitted_base_is_not_fitted_again(arm):
     np.testing.assert_array_equal(model.predict(X), again.predict(X))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["rigid_body", *layered()])
 def test_round_trip_predicts_the_same_bits(arm, method, tmp_path):
     X, y = arm
     y = y + 0.3 * np.sin(X[:, :2])
@@ -106,8 +103,8 @@ def test_round_trip_predicts_the_same_bits(arm, method, tmp_path):
     save_estimator(model, tmp_path / "a")
     again = load_estimator(tmp_path / "a")
     np.testing.assert_array_equal(again.predict(X), model.predict(X))
-    assert estimator_expressions(again) == estimator_expressions(model)
-    assert estimator_front(again) == estimator_front(model)
+    assert again.expressions() == model.expressions()
+    assert again.front() == model.front()
     save_estimator(again, tmp_path / "b")
     for file in (tmp_path / "a").iterdir():
         assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes()
@@ -119,10 +116,10 @@ def test_expressions_are_the_model(arm):
     names = feature_names(2)
     for method in ("sindy", "r_sindy_sr_published"):
         model = build_estimator(method, QUICK).fit(X, y)
-        values = CompiledExpressions(estimator_expressions(model), names)(X)
+        values = CompiledExpressions(model.expressions(), names)(X)
         rigid = RigidBody().predict(X) if method.startswith("r_") else 0.0
         np.testing.assert_allclose(values + rigid, model.predict(X), rtol=1e-9, atol=1e-9)
-    assert estimator_expressions(build_estimator("r_nn", QUICK)) is None
+    assert build_estimator("r_nn", QUICK).expressions() is None
 
 
 def test_network_same_seed_same_weights_and_it_learns(arm):
@@ -195,7 +192,7 @@ def test_bad_data_is_refused_by_name(arm):
         lambda: SymbolicSettings(operators=("sin",)),
         lambda: SymbolicSettings(drop_share=1.5),
         lambda: build_estimator("svm"),
-        lambda: MethodSettings(sindy=SindySettings(scaled=True)),
+        lambda: build_estimator("sindy", {"sindy": SindySettings(scaled=True)}),
     ],
 )
 def test_settings_out_of_range_are_refused(make):
@@ -205,5 +202,33 @@ def test_settings_out_of_range_are_refused(make):
 
 def test_symbols_are_plain(arm):
     X, y = arm
-    for expression in estimator_expressions(build_estimator("r_sr", QUICK).fit(X, y)):
+    for expression in build_estimator("r_sr", QUICK).fit(X, y).expressions():
         assert all(symbol == sp.Symbol(symbol.name) for symbol in expression.free_symbols)
+
+
+def entry(name: str, home: str = "", below: str | None = None) -> Method:
+    return Method(name, name, "", "residual", Layer("x", home, "x") if home else None, below)
+
+
+@pytest.mark.parametrize(
+    ("methods", "message"),
+    [
+        ([entry("a"), entry("a")], "'a' stands twice"),
+        ([entry("b", "m:C", below="a")], "'b' is built on 'a'; expected a layer on another method"),
+        ([entry("a"), entry("b", below="a")], "'b' is built on 'a'; expected a layer"),
+        ([entry("a", "m:C", below="b"), entry("b", "m:C", below="a")], "is built on"),
+    ],
+)
+def test_a_method_that_cannot_be_is_refused(methods, message):
+    with pytest.raises(ConfigError, match=message):
+        _table(*methods)
+
+
+@pytest.mark.parametrize("home", ["hybrid_dynamics.models.nowhere:C", "hybrid_dynamics.models.sindy:Nothing"])
+def test_an_unknown_layer_is_refused(home):
+    with pytest.raises(ConfigError, match="cannot be imported"):
+        Layer("x", home, "x").estimator()
+
+
+def test_every_method_has_a_label_and_a_sentence_of_its_own():
+    assert len({m.label for m in METHODS.values()}) == len({m.what for m in METHODS.values()}) == len(METHODS)

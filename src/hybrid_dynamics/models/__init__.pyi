@@ -1,14 +1,7 @@
 from .base import Estimator, HybridEstimator, RigidBody
 from .expressions import CompiledExpressions, complexity, format_expression, parse_expression
 from .factor import Factor
-from .methods import (
-    METHODS,
-    MethodSettings,
-    build_estimator,
-    estimator_expressions,
-    estimator_front,
-    fit_factor,
-)
+from .methods import METHODS, build_estimator, fit_factor
 from .network import NetworkEstimator, NetworkSettings
 from .sindy import SindyEstimator, SindySettings, factorize
 from .storage import load_estimator, save_estimator
@@ -25,7 +18,6 @@ __all__ = [
     "Estimator",
     "Factor",
     "HybridEstimator",
-    "MethodSettings",
     "NetworkEstimator",
     "NetworkSettings",
     "RigidBody",
@@ -36,8 +28,6 @@ __all__ = [
     "SymbolicSettings",
     "build_estimator",
     "complexity",
-    "estimator_expressions",
-    "estimator_front",
     "factorize",
     "fit_factor",
     "format_expression",

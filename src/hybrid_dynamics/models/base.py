@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Protocol, Self, runtime_checkable
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.features import FEATURES
 from hybrid_dynamics.types import Array
+
+if TYPE_CHECKING:
+    import sympy as sp
 
 
 @runtime_checkable
@@ -23,6 +28,44 @@ class Estimator(Protocol):
     def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self: ...
 
     def predict(self, X: Array) -> Array: ...
+
+    def expressions(self) -> list[sp.Expr] | None:
+        """What was learned, one expression a joint over the features: the torque, or of a hybrid its learned residual.
+
+        For a hybrid on the rigid body ``tau = tau_inertia + tau_coriolis + tau_gravity + expression``. None where some
+        layer has no closed form (a network), and for the rigid body, which learns nothing.
+        """
+        ...
+
+    def front(self) -> list[dict[str, Any]]:
+        """The kept Pareto front of symbolic layers, as rows of a table; empty where there is none."""
+        ...
+
+    @property
+    def engine(self) -> str:
+        """What found the expressions; empty where there are none."""
+        ...
+
+
+#: Arrays of a stored model that are too large for JSON, by name (safetensors).
+Weights = dict[str, NDArray[np.float32]]
+
+
+class LayerEstimator(Estimator, Protocol):
+    """An estimator that a method may have as its layer: made from settings, kept as a JSON document and arrays."""
+
+    settings_type: ClassVar[type]
+
+    def __init__(self, settings: Any = None, progress: Callable[..., Any] | None = None) -> None: ...
+
+    def document(self, weights: Weights, path: str) -> dict[str, Any]:
+        """What was learned, as JSON values; large arrays go into ``weights`` under names that begin with ``path``."""
+        ...
+
+    @classmethod
+    def from_document(cls, document: dict[str, Any], weights: Weights) -> Self:
+        """Inverse of :meth:`document`: predicts the same numbers to the last bit."""
+        ...
 
 
 def check_features(X: Array, n_joints: int | None = None) -> Array:
@@ -74,6 +117,18 @@ class RigidBody(RegressorMixin, BaseEstimator):
         n = X.shape[1] // 7
         return X[:, 4 * n : 5 * n] + X[:, 5 * n : 6 * n] + X[:, 6 * n : 7 * n]
 
+    def expressions(self) -> None:
+        """None: nothing is learned."""
+        return None
+
+    def front(self) -> list[dict[str, Any]]:
+        """Empty: nothing is searched for."""
+        return []
+
+    @property
+    def engine(self) -> str:
+        return ""
+
 
 class HybridEstimator(RegressorMixin, BaseEstimator):
     """``base`` first, then ``residual`` on what ``base`` leaves: tau = base(x) + residual(x).
@@ -101,3 +156,20 @@ class HybridEstimator(RegressorMixin, BaseEstimator):
     def predict(self, X: Array) -> Array:
         """(N, n) [N m]."""
         return self.base.predict(X) + self.residual.predict(X)
+
+    def expressions(self) -> list[sp.Expr] | None:
+        """Sum of what the layers learned, the rigid body apart; see :meth:`Estimator.expressions`."""
+        import sympy as sp
+
+        layers = [layer.expressions() for layer in (self.base, self.residual) if not isinstance(layer, RigidBody)]
+        known = [layer for layer in layers if layer is not None]
+        return [sp.Add(*parts) for parts in zip(*known, strict=True)] if len(known) == len(layers) else None
+
+    def front(self) -> list[dict[str, Any]]:
+        """Of both layers."""
+        return self.base.front() + self.residual.front()
+
+    @property
+    def engine(self) -> str:
+        """Of the last layer."""
+        return self.residual.engine

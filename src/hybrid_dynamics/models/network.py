@@ -10,15 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
 
 from hybrid_dynamics.errors import require
-from hybrid_dynamics.models.base import check_data, check_features
+from hybrid_dynamics.models.base import Weights, check_data, check_features
 from hybrid_dynamics.types import Array
 
 if TYPE_CHECKING:
@@ -71,6 +71,9 @@ def _reproducible() -> Iterator[None]:
 class NetworkEstimator(RegressorMixin, BaseEstimator):
     """Multilayer perceptron. Learned: ``weights_`` (name to float32 array), ``losses_`` (mean loss of each epoch)."""
 
+    settings_type: ClassVar[type] = NetworkSettings
+    engine = ""
+
     def __init__(self, settings: NetworkSettings | None = None, progress: Progress | None = None) -> None:
         self.settings = settings
         self.progress = progress
@@ -118,6 +121,35 @@ class NetworkEstimator(RegressorMixin, BaseEstimator):
                 rows = slice(start, start + _PREDICT_ROWS)
                 out[rows] = network(torch.from_numpy(X[rows].astype(np.float32))).numpy()
         return out
+
+    def expressions(self) -> None:
+        """None: a network has no closed form worth reading."""
+        return None
+
+    def front(self) -> list[dict[str, Any]]:
+        """Empty: nothing is traded against complexity."""
+        return []
+
+    def document(self, weights: Weights, path: str) -> dict[str, Any]:
+        """See :class:`LayerEstimator`."""
+        weights.update({f"{path}.{name}": value for name, value in self.weights_.items()})
+        return {
+            "kind": "network",
+            "joints": self.n_joints_,
+            "settings": asdict(self.settings or NetworkSettings()),
+            "weights": path,
+            "layers": list(self.weights_),
+            "losses": self.losses_,
+        }
+
+    @classmethod
+    def from_document(cls, document: dict[str, Any], weights: Weights) -> Self:
+        """See :class:`LayerEstimator`."""
+        estimator = cls(NetworkSettings(**document["settings"]))
+        estimator.n_joints_ = int(document["joints"])
+        estimator.weights_ = {name: weights[f"{document['weights']}.{name}"] for name in document["layers"]}
+        estimator.losses_ = [float(loss) for loss in document["losses"]]
+        return estimator
 
 
 def _network(inputs: int, hidden: tuple[int, ...], outputs: int, generator: torch.Generator) -> torch.nn.Sequential:

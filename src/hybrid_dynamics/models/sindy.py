@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from hybrid_dynamics.errors import InputError, require
+from hybrid_dynamics.errors import require
 from hybrid_dynamics.features import feature_names
-from hybrid_dynamics.models.base import check_data, check_features
+from hybrid_dynamics.models.base import Weights, check_data, check_features
 from hybrid_dynamics.models.factor import Factor
+from hybrid_dynamics.models.triangular import triangular_factor
 from hybrid_dynamics.types import Array
 
 if TYPE_CHECKING:
@@ -60,29 +60,6 @@ class SindySettings:
         require(self.chunk_rows >= 1, f"sindy.chunk_rows is {self.chunk_rows}; expected 1 or more")
 
 
-def triangular_factor(X: Array, y: Array, library: Callable[[Array], Array], width: int, chunk_rows: int) -> Array:
-    """R of the QR factorisation of [library(X) y], (width + n, width + n), ``chunk_rows`` samples at a time.
-
-    Each step factorises the R so far stacked on the next chunk: [R; A_k] = Q_k R'.
-    """
-    columns = width + y.shape[1]
-    rows = min(chunk_rows, len(X))
-    work = np.zeros((columns + rows, columns), order="F")
-    size = int(lapack.dgeqrf_lwork(*work.shape)[0])
-    lower = np.tril_indices(columns, -1)
-    for start in range(0, len(X), rows):
-        chunk = slice(start, start + rows)
-        count = len(X[chunk])
-        work[columns : columns + count, :width] = library(X[chunk])
-        work[columns : columns + count, width:] = y[chunk]
-        work[columns + count :] = 0.0
-        work, _, _, info = lapack.dgeqrf(work, lwork=size, overwrite_a=1)
-        if info != 0:
-            raise InputError(f"SINDy: the factorisation failed at sample {start + 1} (LAPACK {info}); check the data")
-        work[lower] = 0.0
-    return np.ascontiguousarray(work[:columns])
-
-
 def factorize(X: Array, y: Array, settings: SindySettings) -> Factor:
     """Reduce ``X`` (N, 7n) and ``y`` (N, n) [N m] to the factor that :meth:`SindyEstimator.fit_factor` takes."""
     X, y = check_data(X, y)
@@ -107,8 +84,12 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
     Learned: ``coef_`` (n, p) in physical units, ``powers_`` (p, 7n) exponents of the library terms, ``names_``.
     """
 
-    def __init__(self, settings: SindySettings | None = None) -> None:
+    settings_type: ClassVar[type] = SindySettings
+    engine = "stlsq"
+
+    def __init__(self, settings: SindySettings | None = None, progress: Callable[..., Any] | None = None) -> None:
         self.settings = settings
+        self.progress = progress
 
     def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self:
         """Fit to ``X`` (N, 7n) and ``y`` (N, n) [N m].
@@ -208,6 +189,30 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
                 terms.append(sp.Mul(sp.Float(row[k]), *factors))
             out.append(sp.Add(*terms))
         return out
+
+    def front(self) -> list[dict[str, Any]]:
+        """Empty: there is one polynomial a joint."""
+        return []
+
+    def document(self, weights: Weights, path: str) -> dict[str, Any]:
+        """See :class:`LayerEstimator`."""
+        names = self.term_names()
+        terms = [[{"term": names[k], "coefficient": float(row[k])} for k in np.flatnonzero(row)] for row in self.coef_]
+        return {
+            "kind": "sindy",
+            "joints": self.n_joints_,
+            "settings": asdict(self.settings or SindySettings()),
+            "converged": self.converged_,
+            "terms": terms,
+        }
+
+    @classmethod
+    def from_document(cls, document: dict[str, Any], weights: Weights) -> Self:
+        """See :class:`LayerEstimator`."""
+        estimator = cls(SindySettings(**document["settings"]))
+        terms = [[(str(t["term"]), float(t["coefficient"])) for t in joint] for joint in document["terms"]]
+        estimator.set_terms(terms, bool(document["converged"]))
+        return estimator
 
 
 def term_name(exponents: NDArray[np.int64], names: tuple[str, ...]) -> str:

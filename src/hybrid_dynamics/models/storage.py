@@ -7,30 +7,20 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.files import atomic_path, write_json
-from hybrid_dynamics.models.base import Estimator, HybridEstimator, RigidBody
-from hybrid_dynamics.models.expressions import canonical, format_expression, parse_expression
-from hybrid_dynamics.models.network import NetworkEstimator, NetworkSettings
-from hybrid_dynamics.models.sindy import SindyEstimator, SindySettings
-from hybrid_dynamics.models.symbolic import FrontRow, SymbolicEstimator, SymbolicSettings
+from hybrid_dynamics.models.base import Estimator, HybridEstimator, RigidBody, Weights
+from hybrid_dynamics.models.methods import METHODS, layer_of_kind
 
 SCHEMA = 1
 MODEL_FILE = "model.json"
 WEIGHTS_FILE = "weights.safetensors"
-
-Weights = dict[str, NDArray[np.float32]]
 
 
 def save_estimator(estimator: Estimator, folder: str | os.PathLike[str]) -> None:
@@ -77,93 +67,24 @@ def _dump(estimator: Estimator, weights: Weights, path: str) -> dict[str, Any]:
         }
     if isinstance(estimator, RigidBody):
         return {"kind": "rigid_body", "joints": estimator.n_joints_}
-    if isinstance(estimator, SindyEstimator):
-        return _dump_sindy(estimator)
-    if isinstance(estimator, SymbolicEstimator):
-        return _dump_symbolic(estimator)
-    if isinstance(estimator, NetworkEstimator):
-        weights.update({f"{path}.{name}": value for name, value in estimator.weights_.items()})
-        return {
-            "kind": "network",
-            "joints": estimator.n_joints_,
-            "settings": asdict(estimator.settings or NetworkSettings()),
-            "weights": path,
-            "layers": list(estimator.weights_),
-            "losses": estimator.losses_,
-        }
-    raise InputError(f"{type(estimator).__name__} has no stored form; expected one of {', '.join(_LOADERS)}")
-
-
-def _dump_sindy(estimator: SindyEstimator) -> dict[str, Any]:
-    names = estimator.term_names()
-    terms = [[{"term": names[k], "coefficient": float(row[k])} for k in np.flatnonzero(row)] for row in estimator.coef_]
-    return {
-        "kind": "sindy",
-        "joints": estimator.n_joints_,
-        "settings": asdict(estimator.settings or SindySettings()),
-        "converged": estimator.converged_,
-        "terms": terms,
-    }
-
-
-def _dump_symbolic(estimator: SymbolicEstimator) -> dict[str, Any]:
-    return {
-        "kind": "symbolic",
-        "joints": estimator.n_joints_,
-        "settings": asdict(estimator.settings or SymbolicSettings()),
-        "expressions": [format_expression(expression) for expression in estimator.expressions_],
-        "shares_explained": list(estimator.shares_explained_),
-        "front": [row.as_dict() for row in estimator.front_],
-    }
+    document = getattr(estimator, "document", None)
+    if document is None:
+        raise InputError(f"{type(estimator).__name__} has no stored form; give it the methods of LayerEstimator")
+    return dict(document(weights, path))
 
 
 def _load(node: dict[str, Any], weights: Weights) -> Estimator:
     kind = node["kind"]
-    if kind not in _LOADERS:
-        raise ValueError(f"kind is {kind!r}; expected one of {', '.join(_LOADERS)}")
-    return _LOADERS[kind](node, weights)
-
-
-def _load_hybrid(node: dict[str, Any], weights: Weights) -> Estimator:
-    hybrid = HybridEstimator(_load(node["base"], weights), _load(node["residual"], weights))
-    hybrid.n_joints_ = hybrid.base.n_joints_  # type: ignore[attr-defined]
-    return hybrid
-
-
-def _load_rigid_body(node: dict[str, Any], weights: Weights) -> Estimator:
-    rigid = RigidBody()
-    rigid.n_joints_ = int(node["joints"])
-    return rigid
-
-
-def _load_sindy(node: dict[str, Any], weights: Weights) -> Estimator:
-    estimator = SindyEstimator(SindySettings(**node["settings"]))
-    terms = [[(str(t["term"]), float(t["coefficient"])) for t in joint] for joint in node["terms"]]
-    estimator.set_terms(terms, bool(node["converged"]))
-    return estimator
-
-
-def _load_symbolic(node: dict[str, Any], weights: Weights) -> Estimator:
-    estimator = SymbolicEstimator(SymbolicSettings(**node["settings"]))
-    names = feature_names(int(node["joints"]))
-    estimator.set_expressions([canonical(parse_expression(str(text), names), names) for text in node["expressions"]])
-    estimator.shares_explained_ = tuple(float(share) for share in node["shares_explained"])
-    estimator.front_ = tuple(FrontRow(**row) for row in node["front"])
-    return estimator
-
-
-def _load_network(node: dict[str, Any], weights: Weights) -> Estimator:
-    estimator = NetworkEstimator(NetworkSettings(**node["settings"]))
-    estimator.n_joints_ = int(node["joints"])
-    estimator.weights_ = {name: weights[f"{node['weights']}.{name}"] for name in node["layers"]}
-    estimator.losses_ = [float(loss) for loss in node["losses"]]
-    return estimator
-
-
-_LOADERS: dict[str, Callable[[dict[str, Any], Weights], Estimator]] = {
-    "hybrid": _load_hybrid,
-    "rigid_body": _load_rigid_body,
-    "sindy": _load_sindy,
-    "symbolic": _load_symbolic,
-    "network": _load_network,
-}
+    if kind == "hybrid":
+        hybrid = HybridEstimator(_load(node["base"], weights), _load(node["residual"], weights))
+        hybrid.n_joints_ = hybrid.base.n_joints_  # type: ignore[attr-defined]
+        return hybrid
+    if kind == "rigid_body":
+        rigid = RigidBody()
+        rigid.n_joints_ = int(node["joints"])
+        return rigid
+    layer = layer_of_kind(kind)
+    if layer is None:
+        known = {m.layer.kind for m in METHODS.values() if m.layer is not None}
+        raise ValueError(f"kind is {kind!r}; expected hybrid, rigid_body or one of {', '.join(sorted(known))}")
+    return layer.estimator().from_document(node, weights)

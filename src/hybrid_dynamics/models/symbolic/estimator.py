@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from typing import Self
+from dataclasses import asdict
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import sympy as sp
@@ -13,8 +14,13 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hybrid_dynamics.features import feature_names
-from hybrid_dynamics.models.base import check_data, check_features
-from hybrid_dynamics.models.expressions import CompiledExpressions
+from hybrid_dynamics.models.base import Weights, check_data, check_features
+from hybrid_dynamics.models.expressions import (
+    CompiledExpressions,
+    canonical,
+    format_expression,
+    parse_expression,
+)
 from hybrid_dynamics.models.symbolic.registry import make_engine
 from hybrid_dynamics.models.symbolic.search import symbolic_regression
 from hybrid_dynamics.models.symbolic.settings import FrontRow, SymbolicResult, SymbolicSettings
@@ -25,6 +31,8 @@ Progress = Callable[[int, int], None]
 
 class SymbolicEstimator(RegressorMixin, BaseEstimator):
     """One expression a joint. Learned: ``expressions_``, ``shares_explained_`` (n each), ``front_`` (all joints)."""
+
+    settings_type: ClassVar[type] = SymbolicSettings
 
     def __init__(self, settings: SymbolicSettings | None = None, progress: Progress | None = None) -> None:
         self.settings = settings
@@ -70,6 +78,41 @@ class SymbolicEstimator(RegressorMixin, BaseEstimator):
         self.n_joints_ = len(expressions)
         self.expressions_ = list(expressions)
         self._compiled = CompiledExpressions(self.expressions_, feature_names(self.n_joints_))
+
+    def expressions(self) -> list[sp.Expr]:
+        """One a joint."""
+        return list(self.expressions_)
+
+    def front(self) -> list[dict[str, Any]]:
+        """The kept Pareto front of every joint and round."""
+        return [row.as_dict() for row in self.front_]
+
+    @property
+    def engine(self) -> str:
+        """As the settings name it."""
+        return (self.settings or SymbolicSettings()).engine
+
+    def document(self, weights: Weights, path: str) -> dict[str, Any]:
+        """See :class:`LayerEstimator`."""
+        return {
+            "kind": "symbolic",
+            "joints": self.n_joints_,
+            "settings": asdict(self.settings or SymbolicSettings()),
+            "expressions": [format_expression(expression) for expression in self.expressions_],
+            "shares_explained": list(self.shares_explained_),
+            "front": self.front(),
+        }
+
+    @classmethod
+    def from_document(cls, document: dict[str, Any], weights: Weights) -> Self:
+        """See :class:`LayerEstimator`; an expression is parsed, never evaluated."""
+        estimator = cls(SymbolicSettings(**document["settings"]))
+        names = feature_names(int(document["joints"]))
+        texts = [str(text) for text in document["expressions"]]
+        estimator.set_expressions([canonical(parse_expression(text, names), names) for text in texts])
+        estimator.shares_explained_ = tuple(float(share) for share in document["shares_explained"])
+        estimator.front_ = tuple(FrontRow(**row) for row in document["front"])
+        return estimator
 
     def predict(self, X: Array) -> Array:
         """(N, n) [N m]."""

@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
 from hybrid_dynamics.models.expressions import CompiledExpressions, complexity
-from hybrid_dynamics.models.sindy import triangular_factor
+from hybrid_dynamics.models.triangular import triangular_factor
 from hybrid_dynamics.types import Array
 
 #: A column whose share outside the span of the simpler ones is below this adds nothing a double can tell.

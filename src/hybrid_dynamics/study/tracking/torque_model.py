@@ -12,7 +12,7 @@ from mlflow.models import set_model
 from mlflow.pyfunc import PythonModel, PythonModelContext
 
 from hybrid_dynamics.features import feature_names
-from hybrid_dynamics.models import load_estimator
+from hybrid_dynamics.models.storage import load_estimator
 
 
 def load(folder: Path) -> Any:
