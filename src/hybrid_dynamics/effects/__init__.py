@@ -13,8 +13,8 @@ from hybrid_dynamics.effects.base import (
     catalogue,
     family,
     register,
-    split_key,
 )
+from hybrid_dynamics.effects.keys import split_key
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, State
 
 for _module in sorted(module.name for module in pkgutil.iter_modules(__path__)):

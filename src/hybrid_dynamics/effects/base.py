@@ -28,6 +28,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_dynamics.effects.keys import central_difference, hashable, joint_number, split_key
 from hybrid_dynamics.effects.sign import travelled_sign
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, Scope, Settings, State, Variable
 from hybrid_dynamics.errors import ConfigError, InputError
@@ -39,6 +40,8 @@ StateTorque = Callable[..., Array]
 
 #: Setting that names the other joint of an effect between two.
 FROM_JOINT = "from_joint"
+#: Setting of an effect that acts in one run only: its name.
+ONLY_RUN = "only_run"
 
 
 @dataclass(frozen=True, order=True)
@@ -102,7 +105,7 @@ class Effect:
     def __post_init__(self) -> None:
         known = family(self.effect)
         nonlinear = {r.name for r in known.nonlinear_settings}
-        settings = {k: _hashable(v) for k, v in self.settings.items() if k not in nonlinear}
+        settings = {k: hashable(v) for k, v in self.settings.items() if k not in nonlinear}
         object.__setattr__(self, "settings", settings)
         names = known.published(settings)
         if sorted(self.parameters) != sorted(names):
@@ -120,23 +123,9 @@ class Effect:
 
     def slot(self, robot: Robot) -> Slot:
         """The place it takes in ``robot``, nonlinear parameters among its settings."""
-        numbers = {r.name: self.parameters[r.name] for r in family(self.effect).nonlinear_settings}
+        numbers = family(self.effect).setting_values(self.parameters)
         settings = {**self.settings, **numbers}
         return Slot(self.effect, self.joint_index(robot), tuple(sorted(settings.items())))
-
-
-def joint_number(robot: Robot, name: str, who: str) -> int:
-    """0-based index of joint ``name``; :class:`InputError` lists those there are."""
-    if name not in robot.joint_names:
-        raise InputError(
-            f"{who}: robot {robot.name} has no joint {name!r}; its joints are {', '.join(robot.joint_names)}"
-        )
-    return robot.joint_names.index(name)
-
-
-def _hashable(value: Any) -> Any:
-    """Lists (as JSON has them) as tuples."""
-    return tuple(_hashable(v) for v in value) if isinstance(value, list | tuple) else value
 
 
 class Family(ABC):
@@ -162,6 +151,8 @@ class Family(ABC):
     shared: ClassVar[bool] = False
     #: Several of it may sit on one joint (see :meth:`place`).
     several: ClassVar[bool] = False
+    #: Families that this one holds as a special case: they go from its joint when it comes.
+    contains: ClassVar[tuple[str, ...]] = ()
     #: Coordinates are ten inertial parameters a body: many free numbers that can imitate simpler effects.
     is_body: ClassVar[bool] = False
     #: True where the torque is not exactly linear in the coordinates.
@@ -200,8 +191,10 @@ class Family(ABC):
         """Settings to start from, the same on every joint."""
         return [()]
 
-    def propose(self, motions: Sequence[Motion], residuals: Sequence[Array], moving: NDArray[np.bool_]) -> list[Slot]:
-        """Slots suggested by what a model leaves: ``residuals`` (T, n) [N m], one for each of ``motions``."""
+    def propose(
+        self, names: Sequence[str], motions: Sequence[Motion], residuals: Sequence[Array], moving: NDArray[np.bool_]
+    ) -> list[Slot]:
+        """Slots suggested by what a model leaves: ``residuals`` (T, n) [N m], one for each of ``motions`` (runs)."""
         return []
 
     def size_of(self, slot: Slot) -> int:
@@ -308,6 +301,10 @@ class Family(ABC):
         refined = {r.name for r in self.nonlinear_settings}
         return np.array([parameters[p.name] for p in self.parameters if p.name not in refined])
 
+    def setting_values(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Nonlinear parameters of published ones, as they stand in a slot's settings."""
+        return {r.name: float(parameters[r.name]) for r in self.nonlinear_settings}
+
     def left_open(self, slot: Slot, loose: NDArray[np.bool_]) -> list[str]:
         """Keys of the published parameters that the ``loose`` coordinates (p,), left to the prior, leave open."""
         keys = self.published(slot.options)
@@ -323,7 +320,7 @@ class Family(ABC):
         def values(y: Array) -> Array:
             return np.array(list(self.parameters_of(y, robot, slot).values()))
 
-        return _central(values, x, 1e-6 * np.maximum(1.0, np.abs(x)))
+        return central_difference(values, x, 1e-6 * np.maximum(1.0, np.abs(x)))
 
     def setting_jacobian(self, x: Array, robot: Robot, slot: Slot) -> Array:
         """Derivative of the published parameters with respect to the nonlinear ones, (number of parameters, m)."""
@@ -334,7 +331,7 @@ class Family(ABC):
             return np.array(list(self.parameters_of(x, robot, moved).values()))
 
         at = np.array([float(slot.options[name]) for name in names])
-        return _central(values, at, 1e-6 * np.maximum(np.abs(at), 1e-6))
+        return central_difference(values, at, 1e-6 * np.maximum(np.abs(at), 1e-6))
 
     # -- the inverse --------------------------------------------------------------------------------------------------
     def change(self, robot: Robot, effect: Effect) -> None:  # noqa: B027 (most effects leave the rigid body alone)
@@ -371,23 +368,6 @@ class Family(ABC):
             key: abs(found.parameters[key] - true.parameters[key]) / max(largest[self.unit(key, true.settings)], 1e-300)
             for key in keys
         }
-
-
-def split_key(key: str) -> tuple[str | None, str]:
-    """Joint (None without one) and name of a published parameter's key."""
-    joint, _, name = key.rpartition("/")
-    return joint or None, name
-
-
-def _central(function: Callable[[Array], Array], at: Array, steps: Array) -> Array:
-    """Central differences: (len(function), len(at))."""
-    columns = []
-    for k, h in enumerate(steps):
-        up, down = at.copy(), at.copy()
-        up[k] += h
-        down[k] -= h
-        columns.append((function(up) - function(down)) / (2 * h))
-    return np.stack(columns, axis=1) if columns else np.zeros((len(function(at)), 0))
 
 
 _REGISTRY: dict[str, Family] = {}

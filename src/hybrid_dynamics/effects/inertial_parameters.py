@@ -14,8 +14,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Slot, joint_number, register, split_key
+from hybrid_dynamics.effects.base import Effect, Family, Slot, register
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, link_parameters, to_body, to_dynamic, torque_error
+from hybrid_dynamics.effects.keys import joint_number, split_key
 from hybrid_dynamics.effects.state import Equivalence, Motion
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
@@ -45,6 +46,7 @@ class InertialParameters(Family):
     parameters = BODY_PARAMETERS
     size = 10
     is_body = True
+    contains = ("link_inertia", "link_mass", "link_com")
     changes_body = True
     searched = False
     drawn_against = "time"

@@ -35,6 +35,7 @@ class LinkInertia(Family):
     parameters = BODY_PARAMETERS
     size = 10
     is_body = True
+    contains = ("link_mass", "link_com")
     changes_body = True
     drawn_against = "time"
     shown_by = "the joint of that link and those before it accelerate together in many postures"

@@ -84,6 +84,12 @@ class State:
         return self.ddq[self.joint]
 
     @property
+    def partner_ddq(self) -> Any:
+        if self.ddq is None:
+            raise InputError("the effect follows accelerations, and none are given; give ddq")
+        return self.ddq[self.partner]
+
+    @property
     def own_load(self) -> Any:
         if self.load is None:
             raise InputError("the effect follows the joint's rigid-body torque, and none is given; give it as load")
