@@ -9,6 +9,7 @@ from hybrid_dynamics.study.datasets import RobotSettings, Run
 from hybrid_dynamics.study.layout import RAW
 from hybrid_dynamics.study.own_logs import take_in
 from hybrid_dynamics.study.sources import DataSource, SourceSettings, fetch
+from hybrid_dynamics.trajectory import RECORDED, read_metadata
 from stages.common import dataset_argument
 
 
@@ -18,7 +19,10 @@ def main() -> None:
     name = f"dataset.{files.dataset}"
     if "source" in section(params, name, dict):
         settings = section(params, f"{name}.source", SourceSettings)
-        fetch(DataSource(settings, raw_dir=RAW), files.source, mode=section(params, "source", str))
+        # DVC may have removed the folder of the source already; what was made from it is still there.
+        was_recorded = files.trajectories.exists() and read_metadata(files.trajectories).get("provenance") == RECORDED
+        source = DataSource(settings, raw_dir=RAW)
+        fetch(source, files.source, mode=section(params, "source", str), was_recorded=was_recorded)
         return
     runs = section(params, f"{name}.runs", list[Run])
     take_in(files.dataset, section(params, f"{name}.robot", RobotSettings), runs, files.source)

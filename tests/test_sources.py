@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -286,9 +287,54 @@ def test_recording_arrives_later_and_replaces_the_twin(tmp_path: Path) -> None:
     put(tmp_path / "mirror", "run.csv", BLOB)
     data = source(None, tmp_path, file, mirror=tmp_path / "mirror")
     assert fetch(data, tmp_path / "out", notify=lambda _: None).provenance == RECORDED
-    assert everything_below(tmp_path / "raw") == {}
     assert fetch(data, tmp_path / "out", "twin", notify=lambda _: None).provenance == SIMULATED_TWIN
     assert not (tmp_path / "out/run.csv").exists()
+
+
+def test_a_verified_recording_stays_usable_after_the_mirror_has_gone(tmp_path: Path) -> None:
+    file = pinned("deep/run.csv", BLOB)
+    mirrored = put(tmp_path / "mirror", "deep/run.csv", BLOB)
+    with_mirror = source(None, tmp_path, file, mirror=tmp_path / "mirror")
+    assert fetch(with_mirror, tmp_path / "out", notify=lambda _: None).files["deep/run.csv"]["where"] == "mirror"
+    before = everything_below(tmp_path / "out")
+    mirrored.unlink()
+    # DVC may have removed the dataset's folder, as in a new working copy ...
+    elsewhere = fetch(source(None, tmp_path, file), tmp_path / "other", notify=lambda _: None)
+    assert (elsewhere.provenance, elsewhere.files["deep/run.csv"]["where"]) == (RECORDED, "raw")
+    # ... or that folder is all there is (`dvc pull` on another machine).
+    shutil.rmtree(tmp_path / "raw")
+    pulled = fetch(source(None, tmp_path, file), tmp_path / "out", notify=lambda _: None)
+    assert (pulled.provenance, pulled.files["deep/run.csv"]["where"]) == (RECORDED, "kept")
+    assert everything_below(tmp_path / "out") == before, "what is written depends on content alone"
+    # The twin, asked for, replaces that folder, but the recording is not lost with it.
+    shutil.rmtree(tmp_path / "raw")
+    assert fetch(source(None, tmp_path, file), tmp_path / "out", "twin", lambda _: None).provenance == SIMULATED_TWIN
+    assert fetch(source(None, tmp_path, file), tmp_path / "out", notify=lambda _: None).provenance == RECORDED
+
+
+def test_a_recording_never_turns_into_its_twin_in_silence(tmp_path: Path) -> None:
+    file = pinned("run.csv", BLOB)
+    put(tmp_path / "raw", "run.csv", BLOB)
+    fetch(source(None, tmp_path, file), tmp_path / "out", notify=lambda _: None)
+    shutil.rmtree(tmp_path / "raw")
+    (tmp_path / "out/run.csv").write_bytes(b"damaged")
+    before = everything_below(tmp_path / "out")
+    for target, was_recorded in ((tmp_path / "out", False), (tmp_path / "gone", True)):
+        with pytest.raises(SourceError) as error:
+            fetch(source(None, tmp_path, file), target, notify=lambda _: None, was_recorded=was_recorded)
+        for part in ("so far a RECORDING was used", "HYBRID_DYNAMICS_MIRROR", "source=twin"):
+            assert part in one_line(error)
+    assert everything_below(tmp_path / "out") == before
+    assert fetch(source(None, tmp_path, file), tmp_path / "out", "twin", lambda _: None).provenance == SIMULATED_TWIN
+    # The control: where no recording was ever used, the twin stands in as before.
+    assert fetch(source(None, tmp_path, file), tmp_path / "new", notify=lambda _: None).provenance == SIMULATED_TWIN
+
+
+def test_a_place_for_copies_that_takes_none_is_no_error(tmp_path: Path) -> None:
+    put(tmp_path / "mirror", "run.csv", BLOB)
+    (tmp_path / "raw").write_text("a file where a folder should be")
+    data = source(None, tmp_path, pinned("run.csv", BLOB), mirror=tmp_path / "mirror")
+    assert fetch(data, tmp_path / "out", notify=lambda _: None).provenance == RECORDED
 
 
 def test_optional_file_may_be_missing(tmp_path: Path) -> None:

@@ -15,21 +15,17 @@ from collections.abc import Callable
 
 
 class HybridDynamicsError(Exception):
-    """Base of all errors a user can cause and mend."""
+    """Base of all errors a user can cause and mend. Exit code 1 is left to bugs."""
 
-    exit_code = 1
+    exit_code = 2
 
 
 class InputError(HybridDynamicsError):
     """Unusable input: a file, a column, a robot."""
 
-    exit_code = 2
-
 
 class ConfigError(HybridDynamicsError):
     """A parameter that is unknown, of the wrong type or out of range."""
-
-    exit_code = 2
 
 
 class SourceError(HybridDynamicsError):

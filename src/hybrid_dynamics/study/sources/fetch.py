@@ -13,7 +13,7 @@ from typing import Any
 
 from hybrid_dynamics.errors import InputError, SourceError, require
 from hybrid_dynamics.files import write_json
-from hybrid_dynamics.study.sources.settings import SUPPORT, SourceFile
+from hybrid_dynamics.study.sources.settings import SUPPORT, SourceFile, SourceSettings
 from hybrid_dynamics.study.sources.source import MIRROR_VARIABLE, DataSource, Located
 from hybrid_dynamics.study.sources.verify import copy_and_digest
 from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN
@@ -47,26 +47,39 @@ def fetch(
     target_dir: str | os.PathLike[str],
     mode: str = "auto",
     notify: Callable[[str], None] = say,
+    was_recorded: bool = False,
 ) -> SourceReport:
     """Copy the verified files of ``source`` into ``target_dir`` (replaced as a whole) with a ``source.json``.
 
     ``mode``: ``recorded`` raises :class:`SourceError` where a file that is not optional is missing; ``auto`` falls back
     to provenance ``simulated twin`` then, and copies the support files that could be had; ``twin`` looks for support
     files only. What is written depends on content alone, not on where or when it was found.
+
+    A recording never turns into its twin in silence: where ``auto`` has to fall back, but ``target_dir`` holds a
+    recording or ``was_recorded`` says that one was used, :class:`SourceError` says how to go on either way.
     """
     require(mode in MODES, f"source is {mode!r}; expected one of {', '.join(MODES)}")
     settings = source.settings
     wanted = [file for file in settings.files if mode != "twin" or file.role == SUPPORT]
+    target = Path(target_dir)
+    earlier = _earlier(target, settings)
     tried: list[str] = []
     found: dict[str, tuple[SourceFile, Located]] = {}
     for file in wanted:
-        located = source.locate(file, tried)
+        located = source.locate(file, tried, target if earlier else None)
         if located is not None:
             found[file.path] = (file, located)
+    if mode == "twin" and earlier:
+        # What is asked for replaces the folder; a recording that lies nowhere else must not go with it.
+        for file in settings.files:
+            if file not in wanted:
+                source.keep(file, target)
     missing = [file for file in wanted if file.path not in found]
     needed = [file for file in missing if not file.optional]
     if needed and mode == "recorded":
         raise SourceError(_cannot_be_had(source, needed, tried))
+    if needed and mode == "auto" and (was_recorded or earlier == RECORDED):
+        raise SourceError(_would_turn(source, needed, tried))
     provenance = SIMULATED_TWIN if needed or mode == "twin" else RECORDED
     if provenance == SIMULATED_TWIN:
         found = {path: entry for path, entry in found.items() if entry[0].role == SUPPORT}
@@ -75,7 +88,7 @@ def fetch(
         for path, (_, located) in sorted(found.items())
     }
     report = SourceReport(provenance, files, tuple(file.path for file in missing), tuple(tried))
-    _write(source, Path(target_dir), {path: located for path, (_, located) in found.items()}, report)
+    _write(source, target, {path: located for path, (_, located) in found.items()}, report)
     notify(_summary(source, report, needed, mode))
     if files:
         notify(f"{settings.dataset}: {settings.repository}: licence {settings.licence}. {settings.notice}".rstrip(". "))
@@ -91,6 +104,16 @@ def read_source(target_dir: str | os.PathLike[str]) -> dict[str, Any]:
         raise InputError(f"{path}: no such file; run the fetch stage (dvc repro)") from None
     except ValueError as error:
         raise InputError(f"{path}: not valid JSON ({error}); run the fetch stage again") from None
+
+
+def _earlier(target: Path, settings: SourceSettings) -> str | None:
+    """Provenance of what an earlier run put into ``target`` from the same source; None where there is none."""
+    try:
+        value = json.loads((target / SOURCE_FILE).read_text(encoding="utf-8"))
+        same = (value["repository"], value["commit"]) == (settings.repository, settings.commit)
+        return str(value["provenance"]) if same else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def _write(source: DataSource, target: Path, found: Mapping[str, Located], report: SourceReport) -> None:
@@ -143,6 +166,17 @@ def _summary(source: DataSource, report: SourceReport, needed: list[SourceFile],
 def _reasons(file: SourceFile, tried: tuple[str, ...] | list[str]) -> str:
     prefix = f"{file.path}: "
     return "; ".join(line.removeprefix(prefix) for line in tried if line.startswith(prefix))
+
+
+def _would_turn(source: DataSource, needed: list[SourceFile], tried: list[str]) -> str:
+    """One line: the recording used so far is gone, and how to go on with it or without."""
+    settings = source.settings
+    return (
+        f"{settings.dataset}: so far a RECORDING was used, and now {len(needed)} of its files cannot be had "
+        f"({needed[0].path}: {_reasons(needed[0], tried)}); it is not replaced by its simulated twin in silence: set "
+        f"{MIRROR_VARIABLE}=<folder> or put the files under {source.raw_dir}/{settings.repository}, or say source=twin "
+        "(dvc exp run -S source=twin)"
+    )
 
 
 def _cannot_be_had(source: DataSource, needed: list[SourceFile], tried: list[str]) -> str:

@@ -1,12 +1,14 @@
-"""A data source: for each pinned file, the first of three places that has it, verified.
+"""A data source: for each pinned file, the first of four places that has it, verified.
 
-Order: ``raw_dir/<owner>/<repo>/<path>`` (what the user supplied or an earlier run downloaded), the mirror folder
-``<mirror>/<owner>/<repo>/<path>``, the network. A download is stored under ``raw_dir`` for the next run. Nothing that
-already exists there is ever changed or removed.
+Order: ``raw_dir/<owner>/<repo>/<path>`` (what the user supplied or an earlier run kept), the mirror folder
+``<mirror>/<owner>/<repo>/<path>``, the copy an earlier run made in the dataset's own folder (``dvc pull`` brings it
+too), the network. Whatever was verified is kept under ``raw_dir``: a recording stays usable after the mirror has gone.
+Nothing that already exists there is ever changed or removed.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +25,7 @@ BASE_URL = "https://raw.githubusercontent.com/{repository}/{commit}/{path}"
 
 @dataclass(frozen=True)
 class Located:
-    """A verified file: where it lies, its digest, and which of ``raw``, ``mirror``, ``network`` had it."""
+    """A verified file: where it lies, its digest, and which of ``raw``, ``mirror``, ``kept``, ``network`` had it."""
 
     path: Path
     digest: Digest
@@ -64,9 +66,10 @@ class DataSource:
     def raw_path(self, file: SourceFile) -> Path:
         return self.raw_dir / self.settings.repository / file.path
 
-    def locate(self, file: SourceFile, tried: list[str]) -> Located | None:
+    def locate(self, file: SourceFile, tried: list[str], kept: Path | None = None) -> Located | None:
         """The verified ``file``, or None where no place has it; ``tried`` gains one line per place without it.
 
+        ``kept`` is the folder an earlier run copied the files to.
         Raises :class:`SourceError` where a place has a file of that name with other content.
         """
         raw = self.raw_path(file)
@@ -78,9 +81,20 @@ class DataSource:
         else:
             path = self.mirror / self.settings.repository / file.path
             if path.is_file():
-                return self._verified(path, file, "mirror")
+                located = self._verified(path, file, "mirror")
+                self._keep(located, file)
+                return located
             absent = "" if self.mirror.is_dir() else " (no such folder)"
             tried.append(f"{file.path}: not in {MIRROR_VARIABLE}={self.mirror}{absent}")
+        if kept is not None and (kept / file.path).is_file():
+            digest = copy_and_digest(kept / file.path)
+            difference = mismatch(digest, file)
+            if difference is None:
+                located = Located(kept / file.path, digest, "kept")
+                self._keep(located, file)
+                return located
+            # That folder is the pipeline's own: what is wrong there is fetched anew, not complained about.
+            tried.append(f"{file.path}: the copy in {kept} is another ({difference})")
         if not self.network:
             tried.append(f"{file.path}: network switched off")
         elif self._offline is not None:
@@ -88,6 +102,34 @@ class DataSource:
         else:
             return self._fetch(file, raw, tried)
         return None
+
+    def keep(self, file: SourceFile, folder: Path) -> None:
+        """Keep ``folder``'s copy of ``file`` under ``raw_dir``, where it is the right one and there is none yet."""
+        path = folder / file.path
+        if path.is_file() and not self.raw_path(file).exists():
+            digest = copy_and_digest(path)
+            if mismatch(digest, file) is None:
+                self._keep(Located(path, digest, "kept"), file)
+
+    def _keep(self, located: Located, file: SourceFile) -> None:
+        """The file also under ``raw_dir``, linked where possible; that a place takes no files is no error."""
+        raw = self.raw_path(file)
+        temporary = raw.with_name(f".{raw.name}.{os.getpid()}.part")
+        try:
+            raw.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                os.link(located.path, temporary)
+            except OSError:
+                if copy_and_digest(located.path, temporary) != located.digest:
+                    return
+            if not raw.exists():
+                os.replace(temporary, raw)
+        except OSError:
+            return
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+                _remove_empty(raw.parent, self.raw_dir)
 
     def _verified(self, path: Path, file: SourceFile, where: str) -> Located:
         try:
