@@ -11,14 +11,14 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help venv repro tables test lint params ui lock bench clean-venv
+.PHONY: help venv repro tables test lint params ui lock bench bench-peers clean-venv
 
 help:
 	@echo "make repro   set up .venv, run the whole study (dvc repro), print the tables and the report's path"
 	@echo "make test    set up .venv, lint, type-check, run the tests"
 	@echo "make ui      MLflow's comparison of all methods, on http://127.0.0.1:5000"
 	@echo "make params  compose conf/ into params.yaml (after editing conf/)"
-	@echo "make bench   time the differentiators side by side"
+	@echo "make bench   ours and the peers side by side, into reports/benchmarks.csv (QUICK=1: three minutes)"
 
 venv: $(VENV)/.ready
 
@@ -57,8 +57,16 @@ params: venv
 ui: venv
 	@mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///$(CURDIR)/mlflow.db
 
+# QUICK=1: small sizes, once, at most three minutes. Peers of benchmarks/peers.txt count where bench-peers has run.
+PEERS := $(CURDIR)/.venv-peers/bin/python
 bench: venv
-	@python benchmarks/differentiate.py
+	@python -m benchmarks.bench $(if $(QUICK),--quick) $(if $(wildcard $(PEERS)),--peers $(PEERS)) $(ARGS)
+
+bench-peers: venv
+	@test -x $(PEERS) || $(PYTHON) -m venv --without-pip .venv-peers
+	@# Everything else comes from the project's own environment (with its .pth files, hence addsitedir).
+	@echo "import site; site.addsitedir('$(CURDIR)/$(VENV)/lib/python3.11/site-packages')" > .venv-peers/lib/python3.11/site-packages/shared.pth
+	@python -m pip --python $(PEERS) install --quiet --disable-pip-version-check -r benchmarks/peers.txt
 
 # Re-pin every dependency from what is installed (maintainers only).
 lock: venv
