@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.robots import Robot, find_description, lock_joints
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 LINK = '<link name="{name}"><inertial><origin xyz="0 0 -0.5"/><mass value="{mass}"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>'  # noqa: E501
@@ -109,3 +109,15 @@ def test_unknown_joint_to_lock_is_named(tmp_path):
 def test_wrong_number_of_joints_is_named(panda):
     with pytest.raises(InputError, match="has 7 joints; the data has 6"):
         panda.inverse_dynamics(*np.zeros((3, 5, 6)))
+
+
+def test_a_hand_that_was_not_mounted_is_taken_off(panda):
+    """Seven joints stay, and what they carry weighs less by the hand and its fingers; the rest is as it was."""
+    urdf = find_description("panda_description/urdf/panda.urdf")
+    bare = Robot.from_text(lock_joints(urdf, without=("panda_hand_joint",)), "bare")
+    assert bare.joint_names == panda.joint_names
+    mass = [np.array([inertia.mass for inertia in robot.model.inertias]) for robot in (panda, bare)]
+    np.testing.assert_allclose(mass[0][:-1], mass[1][:-1])
+    assert mass[0][-1] - mass[1][-1] == pytest.approx(0.73 + 2 * 0.015)  # kg, as the file has it
+    with pytest.raises(InputError, match="no joint 'gripper' to take off"):
+        lock_joints(urdf, without=("gripper",))

@@ -18,7 +18,7 @@ from hybrid_dynamics.errors import ConfigError, HybridDynamicsError, SourceError
 from hybrid_dynamics.readers import read_wam
 from hybrid_dynamics.study.sources import DataSource, SourceFile, SourceSettings, fetch, read_source
 from hybrid_dynamics.study.sources.download import DownloadSettings
-from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN
+from hybrid_dynamics.trajectory import ABSENT, RECORDED, SIMULATED_TWIN
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 REPOSITORY = "owner/data"
@@ -415,3 +415,45 @@ def test_recorded_wam_from_server_to_trajectory(server: Server, tmp_path: Path, 
     assert run["q"].shape == (400, 7)
     np.testing.assert_allclose(run["tau"], 10 * np.cos(run["q"]), atol=2e-5)
     assert run.dt == pytest.approx(1e-3, rel=1e-9)
+
+
+def test_a_source_without_a_twin_is_left_out(tmp_path: Path) -> None:
+    """No file of it is copied, not even a description that could be had; one line says so; it may come back."""
+    files = (
+        SourceFile("run.csv", sha256=hashlib.sha256(BLOB).hexdigest()),
+        support := SourceFile("arm.urdf", sha256=hashlib.sha256(b"arm").hexdigest(), role="support"),
+    )
+    settings = SourceSettings("arm", REPOSITORY, COMMIT, "none", files, twin=False)
+    mirror = tmp_path / "mirror" / REPOSITORY
+    mirror.mkdir(parents=True)
+    (mirror / support.path).write_bytes(b"arm")
+    source = DataSource(settings, tmp_path / "raw", mirror=tmp_path / "mirror", network=False)
+    said: list[str] = []
+    assert fetch(source, tmp_path / "out", notify=said.append).provenance == ABSENT
+    assert len(said) == 1
+    assert said[0].startswith("arm: LEFT OUT, because its recording cannot be had (run.csv: not in ")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["source.json"]
+    assert fetch(source, tmp_path / "out", "twin", notify=said.append).provenance == ABSENT
+    with pytest.raises(SourceError, match=r"recorded data asked for, but missing: run\.csv"):
+        fetch(source, tmp_path / "out", "recorded", notify=said.append)
+    (mirror / "run.csv").write_bytes(BLOB)
+    assert fetch(source, tmp_path / "out", notify=said.append).provenance == RECORDED
+    assert (tmp_path / "out" / support.path).read_bytes() == b"arm"
+
+
+def test_a_file_of_another_repository(tmp_path: Path) -> None:
+    """A description that another repository publishes is looked for there, and pinned to its commit."""
+    file = SourceFile("arm.urdf", sha256=hashlib.sha256(b"arm").hexdigest(), repository="other/robots", commit="f" * 40)
+    settings = SourceSettings("arm", REPOSITORY, COMMIT, "none", (file,))
+    source = DataSource(settings, tmp_path / "raw", mirror=tmp_path / "mirror", network=False)
+    assert source.url(file).endswith(f"other/robots/{'f' * 40}/arm.urdf")
+    (tmp_path / "mirror" / REPOSITORY).mkdir(parents=True)
+    (tmp_path / "mirror" / REPOSITORY / "arm.urdf").write_bytes(b"arm")
+    assert source.locate(file, []) is None
+    (tmp_path / "mirror" / "other/robots").mkdir(parents=True)
+    (tmp_path / "mirror" / "other/robots/arm.urdf").write_bytes(b"arm")
+    found = source.locate(file, [])
+    assert found is not None
+    assert found.where == "mirror"
+    with pytest.raises(ConfigError, match="give both or neither"):
+        SourceFile("arm.urdf", sha256="0" * 64, repository="other/robots")

@@ -42,6 +42,8 @@ SIGNALS = tuple(name for name in UNITS if name != "time")
 RECORDED = "recorded"
 SIMULATED = "simulated"
 SIMULATED_TWIN = "simulated twin"
+#: Provenance of a dataset without a twin whose recording cannot be had: it is left out.
+ABSENT = "absent"
 
 
 @dataclass(frozen=True)

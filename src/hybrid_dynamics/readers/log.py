@@ -6,9 +6,14 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import check_target
 from hybrid_dynamics.readers.bags import BAG_SUFFIXES, read_bag
+from hybrid_dynamics.readers.delimited import STANDARD_INPUT
+from hybrid_dynamics.readers.described import converted, read_described
+from hybrid_dynamics.readers.description import LogDescription, load_description
 from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample
 from hybrid_dynamics.readers.table import read_raw_table, write_log
 from hybrid_dynamics.robots import Robot
@@ -24,13 +29,23 @@ def read_raw(
     settings: ResampleSettings | None = None,
     notify: Notify | None = None,
     torque: bool = True,
+    log: LogDescription | None = None,
 ) -> Trajectory:
     """A checked log (CSV, Parquet, bag, MCAP, bag folder) with its own time stamps. Raises :class:`InputError`.
 
-    Without ``torque`` a log needs none, and none is read.
+    Without ``torque`` a log needs none, and none is read. ``log`` says how it is read where it is not
+    ``time,q1..qn[,dq1..dqn],tau1..taun`` in SI units (what a ``log.yaml`` holds).
     """
     file = Path(path)
     settings = settings or ResampleSettings()
+    name = name if name is not None else ("stdin" if str(path) == STANDARD_INPUT else file.stem)
+    packed = str(path) == STANDARD_INPUT or file.suffix.lower() == ".gz"
+    bag = file.suffix.lower() in BAG_SUFFIXES or (file.is_dir() and not (log and log.files))
+    if not bag and (packed or log is not None):
+        if topic is not None:
+            raise InputError(f"{file}: a table has no topics; leave out --topic {topic}, or give a bag")
+        tell = notify or (lambda message: None)
+        return read_described(path, joint_names, log or LogDescription(), name, split, settings, tell, torque)
     if not file.exists():
         raise InputError(f"{file}: no such file; give the path of a log (CSV, Parquet, bag or MCAP)")
     if file.is_dir() or file.suffix.lower() in BAG_SUFFIXES:
@@ -40,7 +55,7 @@ def read_raw(
                 f"{file}: {len(trajectory.time)} joint states; expected at least {settings.min_rows}: "
                 "record a longer run"
             )
-        return trajectory
+        return trajectory if log is None else _described_bag(file, trajectory, joint_names, log, settings, notify)
     if topic is not None:
         raise InputError(f"{file}: a table has no topics; leave out --topic {topic}, or give a bag")
     return read_raw_table(file, joint_names, name, split, settings, notify, torque)
@@ -55,12 +70,13 @@ def read_pieces(
     settings: ResampleSettings | None = None,
     notify: Notify | None = None,
     torque: bool = True,
+    log: LogDescription | None = None,
 ) -> list[Trajectory]:
     """A log as ``q [dq] tau`` on a uniform grid; more than one part where a gap is too long to interpolate.
 
-    Without ``torque`` a log needs none, and none is read.
+    Without ``torque`` a log needs none, and none is read; ``log`` as in :func:`read_raw`.
     """
-    parts = resample(read_raw(path, joint_names, name, split, topic, settings, notify, torque), settings, notify)
+    parts = resample(read_raw(path, joint_names, name, split, topic, settings, notify, torque, log), settings, notify)
     if not parts:
         raise InputError(
             f"{path}: no stretch of {(settings or ResampleSettings()).min_rows} rows without a gap too long to "
@@ -71,22 +87,28 @@ def read_pieces(
 
 def read_log(
     path: str | os.PathLike[str],
-    joint_names: Sequence[str],
+    robot: Robot | Sequence[str],
     name: str | None = None,
     split: str = "train",
     topic: str | None = None,
     settings: ResampleSettings | None = None,
     notify: Notify | None = None,
+    log: LogDescription | str | os.PathLike[str] | None = None,
 ) -> Trajectory:
-    """Like :func:`read_pieces` for callers that need one run: a run with a long gap is refused.
+    """One run of ``robot`` (or of joints with these names) as ``q [dq] tau`` on a uniform grid.
+
+    ``log``: a ``log.yaml`` or what it holds, for logs in another form. A run with a gap too long to interpolate is
+    refused (:func:`read_pieces` splits it). Raises :class:`InputError` and :class:`ConfigError`.
 
     >>> from hybrid_dynamics import Robot, read_log
     >>> robot = Robot.from_urdf("robot.urdf")
-    >>> run = read_log("train_1.parquet", robot.joint_names)
+    >>> run = read_log("train_1.parquet", robot)
     >>> sorted(run.signals), run["q"].shape
     (['q', 'tau'], (3200, 2))
     """
-    parts = read_pieces(path, joint_names, name, split, topic, settings, notify)
+    joint_names = robot.joint_names if isinstance(robot, Robot) else robot
+    description = log if log is None or isinstance(log, LogDescription) else load_description(log)
+    parts = read_pieces(path, joint_names, name, split, topic, settings, notify, log=description)
     if len(parts) > 1:
         raise InputError(
             f"{path}: samples are missing between t = {parts[0].time[-1]:.6g} s and {parts[1].time[0]:.6g} s, "
@@ -95,12 +117,30 @@ def read_log(
     return parts[0]
 
 
+def _described_bag(
+    file: Path,
+    run: Trajectory,
+    joint_names: Sequence[str],
+    log: LogDescription,
+    settings: ResampleSettings,
+    notify: Notify | None,
+) -> Trajectory:
+    """A bag names its signals and joints itself; units, gear, sign, clock and delays are the description's."""
+    for key in ("columns", "files", "joints", "rows"):
+        if getattr(log, key):
+            raise InputError(f"{file}: a bag has no {key}; leave log.{key} out")
+    arrays = {signal: np.array(values) for signal, values in run.signals.items()}
+    tell = notify or (lambda message: None)
+    return converted(file, log, joint_names, run.name, run.split, run.time, arrays, settings, tell)
+
+
 def import_log(
     robot: Robot,
     data_path: str | os.PathLike[str],
     out_path: str | os.PathLike[str],
     topic: str | None = None,
     notify: Notify | None = None,
+    log: LogDescription | None = None,
 ) -> Trajectory:
     """Write the log ``data_path`` of ``robot`` to ``out_path`` as Parquet, stamps as recorded; returns its content.
 
@@ -110,6 +150,6 @@ def import_log(
     if out.suffix.lower() not in (".parquet", ".pq"):
         raise InputError(f"{out}: expected a file name that ends in .parquet")
     check_target(out, [data_path])
-    trajectory = read_raw(data_path, robot.joint_names, topic=topic, notify=notify)
+    trajectory = read_raw(data_path, robot.joint_names, topic=topic, notify=notify, log=log)
     write_log(out, trajectory, robot.joint_names)
     return trajectory

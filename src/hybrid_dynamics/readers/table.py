@@ -51,7 +51,7 @@ def read_raw_table(
     if table.num_rows < settings.min_rows:
         raise InputError(f"{file}: {table.num_rows} rows; expected at least {settings.min_rows}: record a longer run")
     time = _column(table, "time", file, first_row)
-    _check_time(time, file, first_row)
+    check_time(time, file, first_row)
     numbers = range(1, len(joint_names) + 1)
     arrays = {
         signal: np.column_stack([_column(table, f"{signal}{j}", file, first_row) for j in numbers])
@@ -203,8 +203,11 @@ def _signals(table: pa.Table, file: Path, joint_names: Sequence[str], torque: bo
 
 
 def _column(table: pa.Table, name: str, file: Path, first_row: int) -> Array:
+    return numbers_of(table.column(name), name, file, first_row)
+
+
+def numbers_of(column: pa.ChunkedArray, name: str, file: str | os.PathLike[str], first_row: int) -> Array:
     """Column ``name`` as finite numbers; raises :class:`InputError` naming the first value that is none."""
-    column = table.column(name)
     if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
         try:
             values = np.array(column.cast(pa.float64()).to_numpy(), float)
@@ -233,7 +236,8 @@ def _number(text: str | None) -> float:
         return float("nan")
 
 
-def _check_time(time: Array, file: Path, first_row: int) -> None:
+def check_time(time: Array, file: str | os.PathLike[str], first_row: int) -> None:
+    """Raise :class:`InputError` unless ``time`` (T,) increases, by steps that may be seconds."""
     steps = np.diff(time)
     bad = np.flatnonzero(steps <= 0)
     if len(bad):

@@ -143,12 +143,16 @@ def movable_joints(root: ET.Element) -> list[str]:
     return [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") in MOVABLE]
 
 
-def lock_joints(path: str | os.PathLike[str], lock: Iterable[str] = ()) -> str:
+def lock_joints(path: str | os.PathLike[str], lock: Iterable[str] = (), without: Iterable[str] = ()) -> str:
     """The URDF of ``path`` as text, with the joints ``lock`` fixed at zero and without geometry.
+
+    ``without``: joints (fixed or not) that are taken off together with all that hangs on them.
 
     What is fixed becomes part of the link that carries it (Pinocchio lumps the inertia).
     """
     root = read_urdf(path)
+    for name in without:
+        _take_off(root, name, path)
     names = set(movable_joints(root))
     for name in lock:
         if name not in names:
@@ -171,6 +175,21 @@ def lock_joints(path: str | os.PathLike[str], lock: Iterable[str] = ()) -> str:
             root.remove(element)
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _take_off(root: ET.Element, name: str, path: str | os.PathLike[str]) -> None:
+    """Remove joint ``name`` of ``root`` and every link and joint behind it."""
+    joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
+    if name not in joints:
+        raise InputError(f"{path}: no joint {name!r} to take off; its joints are {', '.join(sorted(joints))}")
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    ends = {key: [joint.find(end) for end in ("parent", "child")] for key, joint in joints.items()}
+    pair = {key: tuple("" if end is None else end.get("link", "") for end in two) for key, two in ends.items()}
+    doomed = [name]
+    for key in doomed:
+        root.remove(joints[key])
+        root.remove(links[pair[key][1]])
+        doomed += [other for other, (parent, _) in pair.items() if parent == pair[key][1]]
 
 
 def find_description(relative: str) -> Path:

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from hybrid_dynamics.errors import InputError, require
-from hybrid_dynamics.readers import Notify, Ur10eSettings, read_pieces, read_ur10e, read_wam, read_wam_reference
+from hybrid_dynamics.readers import (
+    LogDescription,
+    Notify,
+    Ur10eSettings,
+    read_pieces,
+    read_ur10e,
+    read_wam,
+    read_wam_reference,
+)
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
 from hybrid_dynamics.robots.dh import DHLimit, DHLink, DHRow, dh_to_urdf
 from hybrid_dynamics.simulation import (
@@ -46,12 +54,14 @@ class RobotSettings:
     """Where the robot's description is and which joints are fixed.
 
     ``urdf``: a path, ``package:<end of path>`` (a file of example-robot-data) or ``source:<path>`` (a file of the
-    dataset's source); ``fallback``: the same, for a source that cannot be had. Or ``dh``: a Denavit-Hartenberg table.
+    dataset's source); ``fallback``: the same, for a source that cannot be had. ``without``: joints taken off with all
+    that hangs on them (a hand that was not mounted). Or ``dh``: a Denavit-Hartenberg table.
     """
 
     urdf: str = ""
     fallback: str = ""
     lock: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
     dh: DHSettings | None = None
 
 
@@ -121,7 +131,7 @@ def robot_description(settings: RobotSettings, source: Path | None = None) -> st
     for place in filter(None, (settings.urdf, settings.fallback)):
         path = _resolve(place, source)
         if path is not None and path.is_file():
-            return lock_joints(path, settings.lock)
+            return lock_joints(path, settings.lock, settings.without)
     raise InputError(f"robot description {settings.urdf!r} cannot be found; give the path of a URDF in robot.urdf")
 
 
@@ -199,13 +209,21 @@ def true_torque(robot: Robot, friction: DriveFriction, run: Trajectory) -> Array
 
 @dataclass(frozen=True)
 class ReaderSettings:
-    """How the files of a recorded dataset are read: ``format`` is ``ur10e``, ``wam`` or ``log`` (a user's log)."""
+    """How the files of a recorded dataset are read: ``format`` is ``ur10e``, ``wam`` or ``log``.
+
+    ``log``: what a ``log.yaml`` says of logs that are not in the layout of a user's log.
+    """
 
     format: str
     ur10e: Ur10eSettings = field(default_factory=Ur10eSettings)
     dt: float = 0.0
+    log: LogDescription | None = None
 
     def __post_init__(self) -> None:
+        require(
+            self.log is None or self.format == "log",
+            f"reader.log is given for reader.format {self.format!r}; expected format log",
+        )
         require(
             self.format in ("ur10e", "wam", "log"),
             f"reader.format is {self.format!r}; expected ur10e, wam or log",
@@ -220,7 +238,10 @@ def read_run(settings: ReaderSettings, run: Run, folder: Path, robot: Robot, not
         return [read_ur10e(path, run.name, run.split, settings.ur10e, window, notify)]
     if settings.format == "wam":
         return [read_wam(path, run.name, run.split, settings.dt, notify)]
-    return read_pieces(path, robot.joint_names, run.name, run.split, notify=notify)
+    log = settings.log
+    if run.rows:
+        log = replace(log or LogDescription(), rows=run.rows)
+    return read_pieces(path, robot.joint_names, run.name, run.split, notify=notify, log=log)
 
 
 def picture_of(settings: RobotSettings) -> Path | None:

@@ -16,7 +16,7 @@ from hybrid_dynamics.files import write_json
 from hybrid_dynamics.study.sources.settings import SUPPORT, SourceFile, SourceSettings
 from hybrid_dynamics.study.sources.source import MIRROR_VARIABLE, DataSource, Located
 from hybrid_dynamics.study.sources.verify import copy_and_digest
-from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN
+from hybrid_dynamics.trajectory import ABSENT, RECORDED, SIMULATED_TWIN
 
 MODES = ("auto", "recorded", "twin")
 SOURCE_FILE = "source.json"
@@ -26,9 +26,9 @@ SOURCE_FILE = "source.json"
 class SourceReport:
     """What :func:`fetch` did.
 
-    ``provenance`` is ``recorded`` or ``simulated twin``; ``files`` maps each path that was copied to ``size``,
-    ``sha256`` and ``where`` (raw, mirror, network); ``missing`` lists paths that could not be had; ``tried`` says, one
-    line a place, why.
+    ``provenance`` is ``recorded``, ``simulated twin`` or ``absent``; ``files`` maps each path that was copied to
+    ``size``, ``sha256`` and ``where`` (raw, mirror, network); ``missing`` lists paths that could not be had;
+    ``tried`` says, one line a place, why.
     """
 
     provenance: str
@@ -53,7 +53,8 @@ def fetch(
 
     ``mode``: ``recorded`` raises :class:`SourceError` where a file that is not optional is missing; ``auto`` falls back
     to provenance ``simulated twin`` then, and copies the support files that could be had; ``twin`` looks for support
-    files only. What is written depends on content alone, not on where or when it was found.
+    files only. A source without a twin is ``absent`` instead, and no file is copied. What is written depends on content
+    alone, not on where or when it was found.
 
     A recording never turns into its twin in silence: where ``auto`` has to fall back, but ``target_dir`` holds a
     recording or ``was_recorded`` says that one was used, :class:`SourceError` says how to go on either way.
@@ -80,8 +81,10 @@ def fetch(
         raise SourceError(_cannot_be_had(source, needed, tried))
     if needed and mode == "auto" and (was_recorded or earlier == RECORDED):
         raise SourceError(_would_turn(source, needed, tried))
-    provenance = SIMULATED_TWIN if needed or mode == "twin" else RECORDED
-    if provenance == SIMULATED_TWIN:
+    provenance = (SIMULATED_TWIN if settings.twin else ABSENT) if needed or mode == "twin" else RECORDED
+    if provenance == ABSENT:
+        found = {}
+    elif provenance == SIMULATED_TWIN:
         found = {path: entry for path, entry in found.items() if entry[0].role == SUPPORT}
     files = {
         path: {"size": located.digest.size, "sha256": located.digest.sha256, "where": located.where}
@@ -154,6 +157,10 @@ def _summary(source: DataSource, report: SourceReport, needed: list[SourceFile],
         places = sorted({str(entry["where"]) for entry in report.files.values()})
         line = f"{name}: RECORDED data, {count} files verified (from {', '.join(places)})"
         return line + (f", {len(report.missing)} optional ones missing" if report.missing else "")
+    if report.provenance == ABSENT:
+        why = "source=twin and it has none" if mode == "twin" else "its recording cannot be had"
+        reason = f" ({needed[0].path}: {_reasons(needed[0], report.tried)})" if needed and mode != "twin" else ""
+        return f"{name}: LEFT OUT, because {why}{reason}"
     if mode == "twin":
         return f"{name}: SIMULATED TWIN, as asked for (source=twin); {count} support files of the recording used"
     reason = _reasons(needed[0], report.tried)

@@ -21,7 +21,7 @@ class SourceFile:
     ``path`` is relative to the repository. A file is pinned by ``sha256`` (hex) and ``size`` [bytes], or by
     ``git_blob``, the SHA-1 that git gives to its content. ``role`` is ``recording`` (measured data, replaced by the
     twin when it cannot be had) or ``support`` (a URDF, reference trajectories: of use to the twin as well). An
-    ``optional`` file may be missing.
+    ``optional`` file may be missing. ``repository`` and ``commit``: of a file that is another repository's.
     """
 
     path: str
@@ -30,6 +30,8 @@ class SourceFile:
     git_blob: str | None = None
     role: str = RECORDING
     optional: bool = False
+    repository: str = ""
+    commit: str = ""
 
     def __post_init__(self) -> None:
         pure = PurePosixPath(self.path)
@@ -54,11 +56,20 @@ class SourceFile:
             self.role in (RECORDING, SUPPORT),
             f"source file {self.path}: role is {self.role!r}; expected '{RECORDING}' or '{SUPPORT}'",
         )
+        require(
+            bool(self.repository) == bool(self.commit),
+            f"source file {self.path}: repository {self.repository!r} at commit {self.commit!r}; give both or neither",
+        )
+        if self.repository:
+            _check_place(f"source file {self.path}", self.repository, self.commit)
 
 
 @dataclass(frozen=True)
 class SourceSettings:
-    """A repository at one commit and the files wanted from it, with the licence that is shown when they are used."""
+    """A repository at one commit and the files wanted from it, with the licence that is shown when they are used.
+
+    Without a ``twin`` the dataset is left out where its recording cannot be had.
+    """
 
     dataset: str
     repository: str
@@ -66,16 +77,10 @@ class SourceSettings:
     licence: str
     files: tuple[SourceFile, ...]
     notice: str = ""
+    twin: bool = True
 
     def __post_init__(self) -> None:
-        require(
-            re.fullmatch(r"[A-Za-z0-9_.-]+/[A-Za-z0-9_.-]+", self.repository) is not None,
-            f"source {self.dataset}: repository is {self.repository!r}; expected 'owner/name'",
-        )
-        require(
-            re.fullmatch(r"[0-9a-f]{40}", self.commit) is not None,
-            f"source {self.dataset}: commit is {self.commit!r}; expected 40 lower-case hexadecimal digits",
-        )
+        _check_place(f"source {self.dataset}", self.repository, self.commit)
         require(len(self.files) > 0, f"source {self.dataset}: no files; list at least one")
         paths = [file.path for file in self.files]
         twice = sorted({path for path in paths if paths.count(path) > 1})
@@ -97,6 +102,17 @@ class SourceSettings:
             return cls(files=tuple(files), **plain)
         except TypeError as error:
             raise ConfigError(f"source {plain.get('dataset', '')}: {error}") from None
+
+
+def _check_place(what: str, repository: str, commit: str) -> None:
+    require(
+        re.fullmatch(r"[A-Za-z0-9_.-]+/[A-Za-z0-9_.-]+", repository) is not None,
+        f"{what}: repository is {repository!r}; expected 'owner/name'",
+    )
+    require(
+        re.fullmatch(r"[0-9a-f]{40}", commit) is not None,
+        f"{what}: commit is {commit!r}; expected 40 lower-case hexadecimal digits",
+    )
 
 
 def _refuse_unknown(values: Mapping[str, Any], kind: Any, what: str) -> None:

@@ -59,12 +59,15 @@ class DataSource:
         check_url(self.url(settings.files[0]))
 
     def url(self, file: SourceFile) -> str:
-        return self.base_url.format(
-            repository=self.settings.repository, commit=self.settings.commit, path=quote(file.path)
-        )
+        repository, commit = self.place(file)
+        return self.base_url.format(repository=repository, commit=commit, path=quote(file.path))
+
+    def place(self, file: SourceFile) -> tuple[str, str]:
+        """Repository and commit of ``file``: the source's, unless the file names its own."""
+        return file.repository or self.settings.repository, file.commit or self.settings.commit
 
     def raw_path(self, file: SourceFile) -> Path:
-        return self.raw_dir / self.settings.repository / file.path
+        return self.raw_dir / self.place(file)[0] / file.path
 
     def locate(self, file: SourceFile, tried: list[str], kept: Path | None = None) -> Located | None:
         """The verified ``file``, or None where no place has it; ``tried`` gains one line per place without it.
@@ -79,7 +82,7 @@ class DataSource:
         if self.mirror is None:
             tried.append(f"{file.path}: {MIRROR_VARIABLE} is not set")
         else:
-            path = self.mirror / self.settings.repository / file.path
+            path = self.mirror / self.place(file)[0] / file.path
             if path.is_file():
                 located = self._verified(path, file, "mirror")
                 self._keep(located, file)
@@ -139,7 +142,7 @@ class DataSource:
         difference = mismatch(digest, file)
         if difference is not None:
             raise SourceError(
-                f"{path}: {difference} (commit {self.settings.commit[:10]} of {self.settings.repository}); "
+                f"{path}: {difference} (commit {self.place(file)[1][:10]} of {self.place(file)[0]}); "
                 "the file was left as it is: replace it by the right one or move it away"
             )
         return Located(path, digest, where)

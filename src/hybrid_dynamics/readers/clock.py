@@ -1,0 +1,63 @@
+"""Time stamps that are worse than the samples they belong to.
+
+A logger that polls a controller writes down when it asked, not when the sample was taken: stamps jitter by a
+controller's period, samples are repeated and skipped. Where position and velocity were sampled together they know
+better: q[k+1] - q[k] = (dq[k] + dq[k+1]) / 2 * (number of ticks) * tick, and the number is whole.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.readers.resample import Notify
+
+Array = NDArray[np.float64]
+
+#: Joint speed [rad/s, root of the sum of squares] below which a step says nothing of its duration.
+SLOW = 0.03
+#: A step counts as a whole number of ticks within this share of one.
+WHOLE = 0.2
+#: Least share of the steps in motion that must come out whole.
+FEWEST_WHOLE = 0.9
+
+
+def even_stamps(time: Array) -> Array:
+    """Stamps (T,) [s] of an even clock from the first to the last one."""
+    return np.linspace(time[0], time[-1], len(time))
+
+
+def stamps_from_velocity(
+    name: str, time: Array, q: Array, dq: Array, tick: float, velocity_delay: float, notify: Notify
+) -> tuple[Array, NDArray[np.intp]]:
+    """True stamps [s] and the rows (of T) that hold a new sample; a repeated sample takes no time and is left out.
+
+    ``time`` (T,) recorded stamps [s], ``q`` (T, n) [rad], ``dq`` (T, n) [rad/s], late by ``velocity_delay`` [s]. At
+    rest the recorded stamps decide. Raises :class:`InputError` where the steps are no whole ticks.
+    """
+    shift = round(velocity_delay / tick)
+    row = np.arange(len(q))
+    ahead = dq[np.clip(row + shift, 0, len(q) - 1)]
+    speed = (ahead[1:] + ahead[:-1]) / 2
+    power = (speed**2).sum(axis=1)
+    moving = power > SLOW**2
+    if moving.sum() < 10:
+        raise InputError(f"{name}: nothing moves; clock: velocity needs motion to tell the time from")
+    steps = np.diff(time) / tick
+    steps[moving] = ((np.diff(q, axis=0) * speed).sum(axis=1)[moving] / power[moving]) / tick
+    whole = float((np.abs(steps[moving] - np.round(steps[moving])) < WHOLE).mean())
+    if whole < FEWEST_WHOLE:
+        raise InputError(
+            f"{name}: only {whole:.0%} of the steps are whole ticks of {1e3 * tick:g} ms by position and velocity; "
+            "give the controller's period as tick, or use clock: recorded"
+        )
+    ticks = np.maximum(np.round(steps), 0.0)
+    stamps = time[0] + np.concatenate([[0.0], np.cumsum(ticks)]) * tick
+    new = np.concatenate([[0], 1 + np.flatnonzero(ticks > 0)])
+    notify(
+        f"{name}: time told from position and velocity: {whole:.1%} of the steps in motion are whole ticks of "
+        f"{1e3 * tick:g} ms, {len(time) - len(new)} samples are repeated, {int((ticks > 1).sum())} steps skip some; "
+        f"stamps moved by up to {1e3 * float(np.abs(stamps - time).max()):.2g} ms"
+    )
+    return stamps[new], new
