@@ -1,0 +1,118 @@
+"""MJCF for MuJoCo: bodies, joints and what MuJoCo's joints can hold, with all 17 digits (MuJoCo's own writer keeps 6).
+
+Written from the completed model, not from the URDF: one body for each moving link with everything that is fixed to it,
+so that the numbers are those the model computes with. Meshes are left out; the dynamics need none.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from hybrid_dynamics.export.rigid_body import joint_axis
+from hybrid_dynamics.export.source import Rendered, Source
+from hybrid_dynamics.export.terms import Terms
+from hybrid_dynamics.robots.urdf import lock_joints
+
+Array = NDArray[np.float64]
+
+#: Direct (stiffness, damping) reference of friction constraints: the friction of a moving joint is exactly its
+#: frictionloss, also in inverse dynamics (tried; MuJoCo's default is wrong by up to twice the friction).
+SOLREF_FRICTION = "0 -1e9"
+#: A constant torque is written as a spring so soft that the joint's own motion does not show, N m/rad.
+SOFT = 1e-9
+
+
+def render(source: Source, name: str, head: list[str]) -> Rendered:
+    """The completed model as MJCF."""
+    root = document(source)
+    text = "\n".join(f"  {line}" for line in head).replace("--", "- -")
+    ET.indent(root)
+    body = ET.tostring(root, encoding="unicode")
+    return Rendered({name: f"<!--\n{text}\n-->\n{body}\n".encode()})
+
+
+def document(source: Source) -> ET.Element:
+    """The <mujoco> element."""
+    robot = source.model.completed_robot
+    model = robot.model
+    terms = source.joint_terms("mjcf")
+    root = ET.Element("mujoco", model=robot.name)
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    ET.SubElement(root, "option", gravity=numbers(model.gravity.linear), integrator="implicitfast", timestep="0.001")
+    world = ET.SubElement(root, "worldbody")
+    actuators = ET.SubElement(root, "actuator")
+    links = _links(source)
+    bodies: dict[int, ET.Element] = {0: world}
+    low, high = robot.position_limits
+    for k, joint in sorted(enumerate(robot.joint_ids), key=lambda pair: pair[1]):
+        name = robot.joint_names[k]
+        own = terms.get(name, {})
+        parent = bodies[model.parents[joint]]
+        body = bodies[joint] = ET.SubElement(parent, "body", name=links[name], **_pose(model.jointPlacements[joint]))
+        body.append(_inertial(model.inertias[joint]))
+        element = _joint(model, joint, name, own, robot.effort_limits[k])
+        if np.isfinite([low[k], high[k]]).all() and low[k] < high[k]:
+            element.set("range", numbers((low[k], high[k])))
+        body.append(element)
+        gear = 1.0 / own.get("gain", 1.0)
+        ET.SubElement(actuators, "motor", name=f"drive_{name}", joint=name, gear=numbers([gear]))
+    return root
+
+
+def _joint(model: pin.Model, joint: int, name: str, own: Terms, effort: float) -> ET.Element:
+    """The <joint> with what it holds beyond the rigid body."""
+    subspace = joint_axis(model, joint)
+    slides = bool(subspace[:3].any())
+    axis = subspace[:3] if slides else subspace[3:]
+    element = ET.Element("joint", name=name, type="slide" if slides else "hinge", axis=numbers(axis))
+    rotor = float(model.armature[model.idx_vs[joint]])
+    if rotor:
+        element.set("armature", numbers([rotor]))
+    damping = [own.get(key, 0.0) for key in ("damping", "quadratic_damping", "cubic_damping")]
+    if any(damping):
+        element.set("damping", numbers(np.trim_zeros(damping, "b")))
+    if own.get("dry_friction", 0.0):
+        element.set("frictionloss", numbers([own["dry_friction"]]))
+        element.set("solreffriction", SOLREF_FRICTION)
+    stiffness, offset = own.get("stiffness", 0.0), own.get("offset", 0.0)
+    if stiffness or offset:
+        # MuJoCo's spring pulls back with k (q - springref): the drive must add as much.
+        k = stiffness or SOFT * max(1.0, abs(offset))
+        element.set("stiffness", numbers([k]))
+        element.set("springref", numbers([-offset / k]))
+    if own.get("position_offset", 0.0):
+        element.set("ref", numbers([-own["position_offset"]]))
+    return element
+
+
+def _inertial(inertia: pin.Inertia) -> ET.Element:
+    matrix = np.asarray(inertia.inertia)
+    entries = [matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    return ET.Element(
+        "inertial", pos=numbers(inertia.lever), mass=numbers([inertia.mass]), fullinertia=numbers(entries)
+    )
+
+
+def _pose(placement: pin.SE3) -> dict[str, str]:
+    quaternion = pin.Quaternion(placement.rotation)
+    return {
+        "pos": numbers(placement.translation),
+        "quat": numbers([quaternion.w, quaternion.x, quaternion.y, quaternion.z]),
+    }
+
+
+def _links(source: Source) -> dict[str, str]:
+    """The link that each joint carries, by joint name."""
+    root = ET.fromstring(lock_joints(source.urdf, source.lock))
+    children = {joint.get("name", ""): joint.find("child") for joint in root.findall("joint")}
+    return {name: str(child.get("link")) for name, child in children.items() if child is not None}
+
+
+def numbers(values: Iterable[float] | Array) -> str:
+    """Numbers as MJCF has them, with all digits."""
+    return " ".join(repr(float(v)) for v in values)

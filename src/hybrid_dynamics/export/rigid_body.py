@@ -1,0 +1,138 @@
+"""The rigid body as CasADi expressions: recursive Newton-Euler over symbols (Featherstone 2008, table 5.1).
+
+Written out here rather than taken from a library: those that build CasADi dynamics read a URDF themselves (and refuse
+what Pinocchio reads: a joint without <origin>, say) and add M(q) ddq to the bias, twice the operations. This one takes its
+numbers from the Pinocchio model that the rest of the project computes with, so both agree to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as cs
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+#: Entries of a rotation or an axis this close to a whole number are rounding (cos of pi/2, say), not geometry.
+ROUNDING = 1e-15
+
+
+@dataclass(frozen=True)
+class BodyNumbers:
+    """What effects may change in a rigid body: ``inertias`` (n, 10) dynamic parameters in joint order (Pinocchio's ten),
+    ``armature`` (n,) [kg m^2], ``gravity`` (3,) [m/s^2]. Entries are numbers or symbols."""
+
+    inertias: Any
+    armature: Any
+    gravity: Any
+
+    @classmethod
+    def of(cls, robot: Robot) -> BodyNumbers:
+        """The numbers of ``robot``."""
+        model = robot.model
+        inertias = np.array([model.inertias[i].toDynamicParameters() for i in robot.joint_ids])
+        armature = np.array([model.armature[model.idx_vs[i]] for i in robot.joint_ids])
+        return cls(inertias, armature, np.asarray(model.gravity.linear).copy())
+
+    @classmethod
+    def symbols(cls, n: int) -> BodyNumbers:
+        """Symbols in the place of all numbers."""
+        return cls(cs.SX.sym("pi", n, 10), cs.SX.sym("armature", n), cs.SX.sym("gravity", 3))
+
+    def flat(self) -> Any:
+        """All entries in one column: inertias row by row, armature, gravity."""
+        if isinstance(self.inertias, cs.SX):
+            return cs.vertcat(cs.reshape(self.inertias.T, -1, 1), self.armature, self.gravity)
+        return np.concatenate([self.inertias.ravel(), self.armature, self.gravity])
+
+
+def inverse_dynamics(robot: Robot, body: BodyNumbers, q: cs.SX, dq: cs.SX, ddq: cs.SX) -> cs.SX:
+    """Drive torque (n,) [N m] of the rigid body at ``q dq ddq`` (n,); kinematics of ``robot``, the rest from ``body``.
+
+    Spatial vectors hold the linear part first, as Pinocchio's.
+    """
+    model = robot.model
+    at = {joint: k for k, joint in enumerate(robot.joint_ids)}
+    linear, angular = [cs.SX(3, 1)], [cs.SX(3, 1)]
+    acceleration, turning = [-_exact(body.gravity)], [cs.SX(3, 1)]
+    force: list[Any] = [None]
+    moment: list[Any] = [None]
+    places: list[Any] = [None]
+    for joint in range(1, model.njoints):
+        k, parent = at[joint], model.parents[joint]
+        axis, slides = _axis(model, joint)
+        rotation, position = _placement(model, joint, axis, slides, q[k])
+        back = rotation.T
+        shift, spin = (axis * dq[k], cs.SX(3, 1)) if slides else (cs.SX(3, 1), axis * dq[k])
+        push, twist = (axis * ddq[k], cs.SX(3, 1)) if slides else (cs.SX(3, 1), axis * ddq[k])
+        v = back @ (linear[parent] + cs.cross(angular[parent], position)) + shift
+        w = back @ angular[parent] + spin
+        a = back @ (acceleration[parent] + cs.cross(turning[parent], position)) + push
+        a += cs.cross(w, shift) + cs.cross(v, spin)
+        b = back @ turning[parent] + twist + cs.cross(w, spin)
+        mass, first, inertia = _inertia(body.inertias[k, :])
+        momentum = mass * v + cs.cross(w, first)
+        spin_momentum = inertia @ w + cs.cross(first, v)
+        force.append(mass * a + cs.cross(b, first) + cs.cross(w, momentum))
+        moment.append(inertia @ b + cs.cross(first, a) + cs.cross(w, spin_momentum) + cs.cross(v, momentum))
+        linear.append(v)
+        angular.append(w)
+        acceleration.append(a)
+        turning.append(b)
+        places.append((rotation, position, axis, slides, parent))
+    torque = [cs.SX(1, 1)] * robot.n_joints
+    for joint in range(model.njoints - 1, 0, -1):
+        rotation, position, axis, slides, parent = places[joint]
+        k = at[joint]
+        torque[k] = axis.T @ (force[joint] if slides else moment[joint]) + body.armature[k] * ddq[k]
+        if parent:
+            carried = rotation @ force[joint]
+            force[parent] += carried
+            moment[parent] += rotation @ moment[joint] + cs.cross(position, carried)
+    return cs.densify(cs.vertcat(*torque))
+
+
+def _exact(values: Any) -> cs.SX:
+    """Constants as a sparse column or matrix, rounding removed: what is zero costs no operation."""
+    if isinstance(values, cs.SX):
+        return values
+    nearest = np.round(values)
+    return cs.sparsify(cs.SX(np.where(np.abs(values - nearest) < ROUNDING, nearest, values)))
+
+
+def _axis(model: pin.Model, joint: int) -> tuple[cs.SX, bool]:
+    """Axis (3,) of a joint in its own frame, and whether it slides along it."""
+    subspace = joint_axis(model, joint)
+    slides = bool(subspace[:3].any())
+    return _exact(subspace[:3] if slides else subspace[3:]), slides
+
+
+def joint_axis(model: pin.Model, joint: int) -> Array:
+    """(6,) the motion that a unit of joint speed makes in the joint's frame: linear, angular."""
+    data = model.joints[joint].createData()
+    model.joints[joint].calc(data, pin.neutral(model))
+    return np.asarray(data.S, float).ravel()
+
+
+def _placement(model: pin.Model, joint: int, axis: cs.SX, slides: bool, q: cs.SX) -> tuple[cs.SX, cs.SX]:
+    """Rotation (3, 3) and position (3,) of the joint's frame in its parent's, at joint position ``q``."""
+    fixed = _exact(model.jointPlacements[joint].rotation)
+    position = _exact(model.jointPlacements[joint].translation)
+    if slides:
+        return fixed, position + fixed @ axis * q
+    along = axis @ axis.T
+    turned = cs.cos(q) * cs.sparsify(cs.SX.eye(3) - along) + cs.sin(q) * cs.skew(axis) + along  # Rodrigues
+    return fixed @ turned, position
+
+
+def _inertia(dynamic: Any) -> tuple[Any, cs.SX, cs.SX]:
+    """Mass, first moments (3,) and inertia about the frame's origin (3, 3) of ten dynamic parameters."""
+    m, x, y, z, xx, xy, yy, xz, yz, zz = (dynamic[k] for k in range(10))
+    matrix = cs.vertcat(cs.horzcat(xx, xy, xz), cs.horzcat(xy, yy, yz), cs.horzcat(xz, yz, zz))
+    return m, cs.sparsify(cs.SX(cs.vertcat(x, y, z))), cs.sparsify(cs.SX(matrix))

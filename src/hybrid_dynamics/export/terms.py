@@ -1,0 +1,102 @@
+"""An effect in the terms of robot description formats: damping, dry friction, offset, spring, inertia, ...
+
+A format carries some of these terms (see :mod:`.carry`); what an effect has beyond them is a term too, with a name that
+says what is lost. Families that are in no list below are a ``law``: only formats that hold programs carry it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.effects.sign import TRAVEL, WIDTH
+from hybrid_dynamics.export.rigid_body import BodyNumbers
+from hybrid_dynamics.robots import Robot
+
+Terms = dict[str, float]
+Values = Mapping[str, float]
+
+#: What each term is, in words that follow "carries no" or "carries".
+WORDS: dict[str, str] = {
+    "inertia": "mass, centre of mass and inertia of links",
+    "armature": "rotor inertia (armature)",
+    "gravity": "direction of gravity (base not level)",
+    "damping": "viscous friction",
+    "quadratic_damping": "friction with the square of the speed",
+    "cubic_damping": "friction with the cube of the speed",
+    "dry_friction": "Coulomb friction",
+    "gradual_reversal": "how friction turns over at a reversal (over a speed or a travel; taken as sharp)",
+    "stribeck_rise": "rise of friction towards standstill",
+    "offset": "constant torque",
+    "stiffness": "spring that is linear in the joint's position",
+    "position_offset": "offset of a joint's position reading",
+    "gain": "gain of a joint's torque reading",
+    "delay": "delay of the recording",
+    "one_run": "what happened in one recorded run only",
+    "law": "torque law that is a program",
+}
+
+#: Power of the speed, by the families' ``viscous_powers``.
+_DAMPING = {1: "damping", 2: "quadratic_damping", 3: "cubic_damping"}
+
+
+def _asymmetric(p: Values) -> Terms:
+    up, down = p["coulomb_torque_positive"], p["coulomb_torque_negative"]
+    # Also at rest: dry friction about an offset takes any value from -down to up.
+    return {"dry_friction": 0.5 * (up + down), "offset": 0.5 * (up - down)}
+
+
+#: Families whose terms follow from their name; all others follow from the attributes of the family.
+_BY_NAME: dict[str, Callable[[Values], Terms]] = {
+    "coulomb_friction": lambda p: {"dry_friction": p["coulomb_torque"]},
+    "asymmetric_coulomb_friction": _asymmetric,
+    "stribeck_friction": lambda p: {
+        "dry_friction": p["coulomb_torque"],
+        "stribeck_rise": p["static_torque"] - p["coulomb_torque"],
+    },
+    "hysteresis_friction": lambda p: {"dry_friction": p["coulomb_torque"], "gradual_reversal": 1.0},
+    "torque_offset": lambda p: {"offset": p["offset"]},
+    "position_offset": lambda p: {"position_offset": p["offset"]},
+    "torque_gain": lambda p: {"gain": p["gain"]},
+    "time_delay": lambda p: {"delay": p["delay"]},
+    "external_contact": lambda p: {"one_run": 1.0},
+    "drift": lambda p: {"one_run": 1.0},
+}
+
+
+def terms(effect: Effect, robot: Robot) -> Terms:
+    """The terms of ``effect`` in ``robot``, each with its value (1 where it has no single number)."""
+    kind = family(effect.effect)
+    if kind.changes_body:
+        return _body_terms(effect, robot)
+    if kind.viscous_powers:
+        x = kind.coordinates_of(effect.parameters, robot, effect.slot(robot))
+        return {_DAMPING[power]: float(v) for power, v in zip(kind.viscous_powers, x, strict=True)}
+    out = spring(effect) or _BY_NAME.get(kind.name, lambda p: {"law": 1.0})(effect.parameters)
+    if {WIDTH, TRAVEL} & set(effect.settings) and "law" not in out:
+        out["gradual_reversal"] = 1.0
+    return out
+
+
+def spring(effect: Effect) -> Terms:
+    """A spring that is linear in the position, k (q - q0), as stiffness and offset; empty for every other effect."""
+    if effect.effect != "joint_spring" or effect.settings.get("shape", "linear") != "linear":
+        return {}
+    stiffness = effect.parameters["stiffness"]
+    return {"stiffness": stiffness, "offset": -stiffness * effect.parameters["rest_position"]}
+
+
+def _body_terms(effect: Effect, robot: Robot) -> Terms:
+    """What of the rigid body changes when the effect enters it."""
+    changed = robot.copy()
+    family(effect.effect).change(changed, effect)
+    before, after = BodyNumbers.of(robot), BodyNumbers.of(changed)
+    pairs: dict[str, tuple[Any, Any]] = {
+        "inertia": (before.inertias, after.inertias),
+        "armature": (before.armature, after.armature),
+        "gravity": (before.gravity, after.gravity),
+    }
+    return {name: 1.0 for name, (old, new) in pairs.items() if not np.array_equal(old, new)}
