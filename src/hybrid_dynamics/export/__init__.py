@@ -4,57 +4,85 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Iterable
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 from hybrid_dynamics.errors import InputError, MissingDependencyError
-from hybrid_dynamics.export.source import Rendered, Source
+from hybrid_dynamics.export.source import Source, name
 from hybrid_dynamics.files import atomic_path, check_target
+from hybrid_dynamics.robots import Robot
 
-#: Module, file endings (the first is the usual one) and needed library of every format of a completed model.
-FORMATS: dict[str, tuple[str, tuple[str, ...], str]] = {
-    "urdf": ("urdf", (".urdf",), "pinocchio"),
-    "mjcf": ("mjcf", (".xml", ".mjcf"), "pinocchio"),
-    "c": ("c_source", (".c",), "casadi"),
-    "python": ("python_source", (".py",), "casadi"),
-    "casadi": ("casadi_function", (".casadi",), "casadi"),
+PathLike = str | os.PathLike[str]
+
+NETWORK = "onnx"
+
+
+@dataclass(frozen=True)
+class Format:
+    """Module that renders it, file endings, the library it needs and the extra that brings it."""
+
+    module: str
+    endings: tuple[str, ...]
+    library: str = "casadi"
+    extra: str = "export"
+
+
+FORMATS: dict[str, Format] = {
+    "urdf": Format("urdf", (".urdf",)),
+    "mjcf": Format("mjcf", (".xml", ".mjcf"), "mujoco"),
+    "c": Format("c_source", (".c",)),
+    "python": Format("python_source", (".py",)),
+    "casadi": Format("casadi_function", (".casadi",)),
+    NETWORK: Format("onnx_graph", (".onnx",), "onnx", NETWORK),
 }
 
 
-def render(source: Source, form: str, name: str) -> Rendered:
-    """The files of format ``form`` under file name ``name``; raises :class:`MissingDependencyError` without its library."""
-    module, endings, library = FORMATS[form]
-    if Path(name).suffix.lower() not in endings:
-        raise InputError(f"{name}: expected a file name that ends in {' or '.join(endings)} for --format {form}")
+def export(
+    model: PathLike,
+    robot: PathLike,
+    form: str,
+    out: PathLike,
+    lock: Sequence[str] = (),
+    strict: bool = False,
+    force: bool = False,
+) -> list[str]:
+    """Write the model in the file ``model`` (of the robot in the URDF ``robot``) to ``out``, in one of :data:`FORMATS`.
+
+    Returns what the user should be told, a line each. Raises :class:`InputError` where a file is unusable, ``out``
+    exists (without ``force``), is an input or cannot be written, and with ``strict`` where the format cannot carry all
+    of the model; :class:`MissingDependencyError` without the format's library. Nothing is written then.
+    """
+    target, kind = Path(out), FORMATS[form]
+    if target.suffix.lower() not in kind.endings:
+        raise InputError(f"{target}: expected a file name that ends in {' or '.join(kind.endings)} for --format {form}")
+    check_target(target, [model, robot])
+    writer = _writer(form)
+    if form == NETWORK:
+        rendered, losses, told = writer.render(Path(model), Robot.from_urdf(robot, tuple(lock)), target.name), [], []
+    else:
+        source = Source.read(Path(model), Path(robot), tuple(lock))
+        losses = source.losses(form)
+        if strict and losses:
+            raise InputError(f"{form} cannot carry {' | '.join(losses)}; choose another format, or leave out --strict")
+        told = [f"{name(effect)} is left out: held-out runs contradict it" for effect in source.inactive]
+        rendered = writer.render(source, target.name, source.head(form))
+    places = [target.with_name(file) for file in rendered.files]
+    write_files(dict(zip(places, rendered.files.values(), strict=True)), force)
+    notes = [f"{form} cannot carry {line}" for line in losses] + told + list(rendered.notes)
+    return [f"{place}: written" for place in places] + [f"note: {note}" for note in notes]
+
+
+def _writer(form: str) -> ModuleType:
+    kind = FORMATS[form]
     try:
-        importlib.import_module(library)
+        importlib.import_module(kind.library)
     except ImportError:
         raise MissingDependencyError(
-            f"--format {form} needs {library}; install it with pip install 'hybrid-dynamics[export]'"
+            f"--format {form} needs {kind.library}; install it with pip install 'hybrid-dynamics[{kind.extra}]'"
         ) from None
-    writer = importlib.import_module(f"{__name__}.{module}")
-    rendered: Rendered = writer.render(source, name, source.head(form))
-    return rendered
-
-
-def export(source: Source, form: str, out: str | os.PathLike[str], strict: bool = False, force: bool = False) -> list[str]:
-    """Write the completed model of ``source`` to ``out`` and return what the user should be told, a line each.
-
-    Raises :class:`InputError` where ``out`` exists (without ``force``), is an input or cannot be written, and with
-    ``strict`` where the format cannot carry the whole model. Nothing is written then.
-    """
-    target = Path(out)
-    check_target(target, [source.urdf])
-    losses = source.losses(form)
-    if strict and losses:
-        raise InputError(f"{form} cannot carry {' | '.join(losses)}; choose another format, or leave out --strict")
-    rendered = render(source, form, target.name)
-    places = [target.with_name(name) for name in rendered.files]
-    write_files(dict(zip(places, rendered.files.values(), strict=True)), force)
-    lines = [f"{place}: written" for place in places]
-    lines += [f"note: {form} cannot carry {line}" for line in losses]
-    lines += [f"note: {effect.effect} is left out: held-out runs contradict it" for effect in source.model.inactive]
-    return lines + [f"note: {note}" for note in rendered.notes]
+    return importlib.import_module(f"{__name__}.{kind.module}")
 
 
 def write_files(files: dict[Path, bytes], force: bool) -> None:
@@ -68,9 +96,4 @@ def write_files(files: dict[Path, bytes], force: bool) -> None:
             temporary.write_bytes(content)
 
 
-def formats() -> Iterable[str]:
-    """Names of the formats of a completed model."""
-    return FORMATS
-
-
-__all__ = ["FORMATS", "Rendered", "Source", "export", "formats", "render", "write_files"]
+__all__ = ["FORMATS", "Format", "export", "write_files"]

@@ -9,10 +9,13 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from hybrid_dynamics.effects import readings
+from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.export.rigid_body import joint_axis
 from hybrid_dynamics.export.source import Rendered, Source
 from hybrid_dynamics.export.terms import Terms
@@ -32,8 +35,15 @@ def render(source: Source, name: str, head: list[str]) -> Rendered:
     root = document(source)
     text = "\n".join(f"  {line}" for line in head).replace("--", "- -")
     ET.indent(root)
-    body = ET.tostring(root, encoding="unicode")
-    return Rendered({name: f"<!--\n{text}\n-->\n{body}\n".encode()})
+    whole = f"<!--\n{text}\n-->\n{ET.tostring(root, encoding='unicode')}\n"
+    try:
+        mujoco.MjModel.from_xml_string(whole)
+    except ValueError as error:
+        reason = " ".join(str(error).split()).removeprefix("Error: ")
+        raise InputError(
+            f"{source.urdf}: MuJoCo does not take the completed model ({reason}); mend the inertia of that link"
+        ) from None
+    return Rendered({name: whole.encode()})
 
 
 def document(source: Source) -> ET.Element:
@@ -49,23 +59,25 @@ def document(source: Source) -> ET.Element:
     links = _links(source)
     bodies: dict[int, ET.Element] = {0: world}
     low, high = robot.position_limits
+    read = readings(source.robot, source.model.effects)
     for k, joint in sorted(enumerate(robot.joint_ids), key=lambda pair: pair[1]):
         name = robot.joint_names[k]
         own = terms.get(name, {})
         parent = bodies[model.parents[joint]]
-        body = bodies[joint] = ET.SubElement(parent, "body", name=links[name], **_pose(model.jointPlacements[joint]))
+        place = _pose(model.jointPlacements[joint])
+        body = bodies[joint] = ET.SubElement(parent, "body", {"name": links[name], **place})
         body.append(_inertial(model.inertias[joint]))
-        element = _joint(model, joint, name, own, robot.effort_limits[k])
+        element = _joint(model, joint, name, own, float(read.offset[k]))
         if np.isfinite([low[k], high[k]]).all() and low[k] < high[k]:
             element.set("range", numbers((low[k], high[k])))
         body.append(element)
-        gear = 1.0 / own.get("gain", 1.0)
-        ET.SubElement(actuators, "motor", name=f"drive_{name}", joint=name, gear=numbers([gear]))
+        # A motor is commanded the torque as it would be recorded.
+        ET.SubElement(actuators, "motor", name=f"drive_{name}", joint=name, gear=numbers([1.0 / read.gain[k]]))
     return root
 
 
-def _joint(model: pin.Model, joint: int, name: str, own: Terms, effort: float) -> ET.Element:
-    """The <joint> with what it holds beyond the rigid body."""
+def _joint(model: pin.Model, joint: int, name: str, own: Terms, misread: float) -> ET.Element:
+    """The <joint> with what it holds beyond the rigid body; its true position is that read plus ``misread`` [rad]."""
     subspace = joint_axis(model, joint)
     slides = bool(subspace[:3].any())
     axis = subspace[:3] if slides else subspace[3:]
@@ -84,9 +96,9 @@ def _joint(model: pin.Model, joint: int, name: str, own: Terms, effort: float) -
         # MuJoCo's spring pulls back with k (q - springref): the drive must add as much.
         k = stiffness or SOFT * max(1.0, abs(offset))
         element.set("stiffness", numbers([k]))
-        element.set("springref", numbers([-offset / k]))
-    if own.get("position_offset", 0.0):
-        element.set("ref", numbers([-own["position_offset"]]))
+        element.set("springref", numbers([-offset / k - misread]))
+    if misread:
+        element.set("ref", numbers([-misread]))
     return element
 
 

@@ -28,8 +28,8 @@ def render(source: Source, name: str, head: list[str]) -> Rendered:
     lines = [
         f'"""{text}',
         "",
-        "Arrays are (..., n): one number a joint last, any number of samples before. SI units; torque is what the drive",
-        "delivers, positive along the joint axis." + (f" ``state`` is {state}." if model.memories else ""),
+        "Arrays are (..., n): one number a joint last, any number of samples before. SI units; torque is what the",
+        "drive delivers, positive along the joint axis." + (f" ``state`` is {state}." if model.memories else ""),
         '"""',
         "",
         "import numpy as np",

@@ -1,8 +1,8 @@
 """The rigid body as CasADi expressions: recursive Newton-Euler over symbols (Featherstone 2008, table 5.1).
 
 Written out here rather than taken from a library: those that build CasADi dynamics read a URDF themselves (and refuse
-what Pinocchio reads: a joint without <origin>, say) and add M(q) ddq to the bias, twice the operations. This one takes its
-numbers from the Pinocchio model that the rest of the project computes with, so both agree to rounding.
+what Pinocchio reads: a joint without <origin>, say) and add M(q) ddq to the bias, twice the operations. This one takes
+its numbers from the Pinocchio model that the rest of the project computes with, so both agree to rounding.
 """
 
 from __future__ import annotations
@@ -25,8 +25,11 @@ ROUNDING = 1e-15
 
 @dataclass(frozen=True)
 class BodyNumbers:
-    """What effects may change in a rigid body: ``inertias`` (n, 10) dynamic parameters in joint order (Pinocchio's ten),
-    ``armature`` (n,) [kg m^2], ``gravity`` (3,) [m/s^2]. Entries are numbers or symbols."""
+    """What effects may change in a rigid body; entries are numbers or symbols.
+
+    ``inertias`` (n, 10) dynamic parameters in joint order (Pinocchio's ten), ``armature`` (n,) [kg m^2], ``gravity``
+    (3,) [m/s^2].
+    """
 
     inertias: Any
     armature: Any

@@ -40,6 +40,11 @@ class Source:
         """The robot before any effect."""
         return self.model.robot
 
+    @property
+    def inactive(self) -> tuple[Effect, ...]:
+        """Effects that ``model.json`` keeps on record without letting them act: they are not exported."""
+        return tuple(getattr(self.model, "inactive", ()))
+
     def losses(self, form: str) -> list[str]:
         """One line for every effect that format ``form`` cannot carry, or only in part."""
         return [c.loss for c in carried(form, self.model.effects, self.robot) if c.loss]
@@ -59,13 +64,13 @@ class Source:
             lines += ["This format cannot carry:", *(f"  {line}" for line in losses)]
         else:
             lines.append("This format carries all of them.")
-        if self.model.inactive:
+        if self.inactive:
             lines.append("Left out, because held-out runs contradict them:")
-            lines += [f"  {name(effect)}" for effect in self.model.inactive]
+            lines += [f"  {name(effect)}" for effect in self.inactive]
         return lines
 
     def joint_terms(self, form: str) -> dict[str, Terms]:
-        """Sum of the terms that ``form`` carries, for each joint that has any (effects of the body are not among them)."""
+        """Sum of the terms that ``form`` carries, for each joint that has any, effects of the body left aside."""
         out: dict[str, Terms] = {}
         for c in carried(form, self.model.effects, self.robot):
             if family(c.effect.effect).changes_body or not c.effect.joints:

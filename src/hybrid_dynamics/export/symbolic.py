@@ -1,12 +1,12 @@
 """A completed model as CasADi functions: torque, residual, standard deviation, and the advance of what has a memory.
 
-All of it comes from the same places as :meth:`Model.predict`: the laws of the effect families, evaluated on symbols, and
-the numbers of the completed robot. C, Python and CasADi exports print these functions; no law is written twice.
+All of it comes from the same places as :meth:`Model.predict`: the laws of the effect families, evaluated on symbols,
+and the numbers of the completed robot. C, Python and CasADi exports print these functions; no law is written twice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -44,11 +44,16 @@ class Memory:
 
 
 class SymbolicModel:
-    """CasADi functions of ``model``; inputs ``q dq ddq`` (n,), ``tau_model`` (n,), ``state`` (number of memories)."""
+    """CasADi functions of ``model``; inputs ``q dq ddq`` (n,), ``tau_model`` (n,), ``state`` (number of memories).
 
-    def __init__(self, model: Model) -> None:
+    ``left`` (n,) [N m] is what was left on held-out runs, ``correlation`` (P, P) that of the uncertain parameters.
+    """
+
+    def __init__(self, model: Model, left: Array | None = None, correlation: Array | None = None) -> None:
         self.model = model
         self.n = model.robot.n_joints
+        self.left = np.zeros(self.n) if left is None else np.asarray(left, float)
+        self.correlation = correlation
         self.q, self.dq, self.ddq, self.tau_model = (cs.SX.sym(s, self.n) for s in ("q", "dq", "ddq", "tau_model"))
         self.dt = cs.SX.sym("dt")
         self.laws = [(e, family(e.effect)) for e in model.effects if family(e.effect).has_law]
@@ -102,13 +107,15 @@ class SymbolicModel:
 
     @cached_property
     def deviation(self) -> cs.Function:
-        """Standard deviation of ``torque``: standard errors of the parameters (taken as independent of one another)
-        and the error on held-out runs, as far as ``model.json`` holds them."""
-        columns = self._sensitivities()
-        misfit = np.zeros(self.n) if self.model.misfit is None else np.array(self.model.misfit)
-        variance = cs.SX(misfit**2)
-        for column in columns:
-            variance += column**2
+        """Standard deviation of measured minus predicted torque.
+
+        Errors of the parameters (independent of one another where their correlation is not known) and what was left on
+        held-out runs, as far as ``model.json`` holds them.
+        """
+        changes = cs.horzcat(cs.SX(self.n, 0), *self._sensitivities())
+        correlation = np.eye(changes.size2()) if self.correlation is None else self.correlation
+        variance = cs.sum2((changes @ cs.sparsify(cs.SX(correlation))) * changes)
+        variance = cs.fmax(variance, 0.0) + cs.SX(self.left**2)
         return self._function("torque_std", self.inputs, cs.sqrt(variance))
 
     @cached_property
@@ -164,67 +171,60 @@ class SymbolicModel:
 
     # -- uncertainty --------------------------------------------------------------------------------------------------
     def _sensitivities(self) -> list[cs.SX]:
-        """Change of the torque (n,) with one standard error of each parameter."""
-        symbols, values, steps = [], [], []
-        changed: dict[int, dict[str, Any]] = {}
-        for k, (effect, _) in enumerate(self.laws):
-            known = {key: s for key, s in effect.std_errors.items() if s > 0}
-            changed[k] = dict(effect.parameters)
-            for key, spread in known.items():
-                symbol = cs.SX.sym(f"p{len(symbols)}")
-                changed[k][key] = symbol
-                symbols.append(symbol)
-                values.append(effect.parameters[key])
-                steps.append(spread)
+        """Change of the torque (n,) with one standard error of each uncertain parameter, in the model's order."""
+        symbols: list[cs.SX] = []
+        values: list[float] = []
+        changed: dict[int, dict[str, Any]] = {k: dict(effect.parameters) for k, (effect, _) in enumerate(self.laws)}
+        directions: list[tuple[int | None, Any]] = []  # a law's symbol, or a direction of the body's numbers; size
+        position = {id(effect): k for k, (effect, _) in enumerate(self.laws)}
+        for k, key in uncertain_parameters(self.model.effects):
+            effect = self.model.effects[k]
+            spread = effect.std_errors[key]
+            if id(effect) not in position:
+                directions.append((None, self._tangent(k, key, spread)))
+                continue
+            directions.append((len(symbols), spread))
+            symbols.append(cs.SX.sym(f"p{len(symbols)}"))
+            values.append(effect.parameters[key])
+            changed[position[id(effect)]][key] = symbols[-1]
         body = BodyNumbers.symbols(self.n)
-        names = [f"{quantity}{j}" for quantity in ("offset", "gain") for j in range(self.n)]
-        read_symbols = [cs.SX.sym(s) for s in names]
-        read = {"offset": read_symbols[: self.n], "gain": read_symbols[self.n :]}
-        torque = self._torque(body, read, changed)
-        numbers = self._numbers()
-        held = cs.vertcat(*symbols, body.flat(), *read_symbols)
-        at = cs.vertcat(*values, self._body().flat(), *numbers["offset"], *numbers["gain"])
-        first = len(symbols)
-        directions = []
-        for k, step in enumerate(steps):
-            direction = np.zeros(held.numel())
-            direction[k] = step
-            directions.append(direction)
-        for tangent in self._tangents():
-            direction = np.zeros(held.numel())
-            direction[first:] = tangent
-            directions.append(direction)
+        reading = [cs.SX.sym(f"reading{k}") for k in range(2 * self.n)]
+        torque = self._torque(body, {"offset": reading[: self.n], "gain": reading[self.n :]}, changed)
+        held = cs.vertcat(*symbols, body.flat(), *reading)
+        at = cs.vertcat(*values, self._entries(self.model.effects))
         columns = []
-        for direction in directions:
+        for symbol, size in directions:
+            direction = np.zeros(held.numel())
+            if symbol is None:
+                direction[len(symbols) :] = size
+            else:
+                direction[symbol] = size
             column = cs.jtimes(torque, held, cs.sparsify(cs.SX(direction)))
             columns.append(cs.substitute(column, held, at))
         return columns
 
-    def _tangents(self) -> list[Array]:
-        """Change of body numbers, offsets and gains with one standard error of each parameter that enters them."""
-        out = []
-        for k, effect in enumerate(self.model.effects):
-            kind = family(effect.effect)
-            if kind.has_law:
-                continue
-            for key, spread in effect.std_errors.items():
-                if spread <= 0:
-                    continue
-                up, down = (self._entries(self._moved(k, effect, key, sign * _STEP * spread)) for sign in (1.0, -1.0))
-                out.append((up - down) / (2 * _STEP))
-        return out
+    def _tangent(self, k: int, key: str, spread: float) -> Array:
+        """Change of body numbers and readings with one standard error of parameter ``key`` of the k-th effect."""
+        sides = []
+        for sign in (1.0, -1.0):
+            effects = list(self.model.effects)
+            values = {**effects[k].parameters, key: effects[k].parameters[key] + sign * _STEP * spread}
+            effects[k] = replace(effects[k], parameters=values)
+            sides.append(self._entries(effects))
+        return (sides[0] - sides[1]) / (2 * _STEP)
 
-    def _moved(self, k: int, effect: Effect, key: str, step: float) -> list[Effect]:
-        values = {**effect.parameters, key: effect.parameters[key] + step}
-        return [replace(e, parameters=values) if i == k else e for i, e in enumerate(self.model.effects)]
-
-    def _entries(self, effects: list[Effect]) -> Array:
+    def _entries(self, effects: Sequence[Effect]) -> Array:
         read = readings(self.model.robot, effects)
         body = BodyNumbers.of(plant(self.model.robot, effects)[0])
         return np.concatenate([body.flat(), read.offset, read.gain])
 
 
+def uncertain_parameters(effects: Sequence[Effect]) -> list[tuple[int, str]]:
+    """(index of the effect, name of the parameter) of all that have a standard error, in the model's order."""
+    return [
+        (k, key) for k, effect in enumerate(effects) for key in effect.parameters if effect.std_errors.get(key, 0) > 0
+    ]
+
+
 def _is_zero(value: Any) -> bool:
     return isinstance(value, float | int) and value == 0
-
-

@@ -59,11 +59,10 @@ _BY_NAME: dict[str, Callable[[Values], Terms]] = {
     },
     "hysteresis_friction": lambda p: {"dry_friction": p["coulomb_torque"], "gradual_reversal": 1.0},
     "torque_offset": lambda p: {"offset": p["offset"]},
-    "position_offset": lambda p: {"position_offset": p["offset"]},
-    "torque_gain": lambda p: {"gain": p["gain"]},
-    "time_delay": lambda p: {"delay": p["delay"]},
+    "position_offset": lambda p: {"position_offset": 1.0},
+    "torque_gain": lambda p: {"gain": 1.0},
+    "time_delay": lambda p: {"delay": 1.0},
     "external_contact": lambda p: {"one_run": 1.0},
-    "drift": lambda p: {"one_run": 1.0},
 }
 
 

@@ -1,4 +1,4 @@
-"""URDF: the user's own file with the inertials, damping and friction of the completed model; the rest stays as it is."""
+"""URDF: the user's own file with the inertials, damping and friction of the completed model; the rest stays."""
 
 from __future__ import annotations
 

@@ -93,7 +93,9 @@ class XmlText:
         if not node.children:
             lead += "  "
         if node.end == node.opened:  # <tag/>: it gets an end tag
-            head = self._content[node.begin : node.opened].decode("utf-8", "surrogateescape").removesuffix("/>").rstrip()
+            head = (
+                self._content[node.begin : node.opened].decode("utf-8", "surrogateescape").removesuffix("/>").rstrip()
+            )
             own = self._indentation(node.begin)
             whole = f"{head}>\n{lead}{text}\n{own}</{node.tag}>"
             self._edits.append((node.begin, node.opened, whole.encode("utf-8", "surrogateescape")))

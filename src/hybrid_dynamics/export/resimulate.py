@@ -1,0 +1,106 @@
+"""Proof by simulation: an exported MJCF, driven by the recorded torque of a held-out run, must move as the robot did.
+
+Torque in, motion out, in another engine: a check of the whole chain. A window starts at a recorded state and lasts half a
+second: longer ones would show how errors of position feed on themselves, not how good the model is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ResimulationSettings:
+    """``window`` [s] of a simulation, ``substep`` [s] at most of MuJoCo's integration; ``stride`` [s] from one window's
+    start to the next (None: a window)."""
+
+    window: float = 0.5
+    substep: float = 2e-4
+    stride: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.substep <= self.window:
+            raise InputError(f"substep is {self.substep} s; expected above 0, up to the window of {self.window} s")
+
+
+@dataclass(frozen=True)
+class StateError:
+    """Root mean square over all windows and their samples, each (n,): ``position`` [rad], ``velocity`` [rad/s]; and
+    ``windows``, how many there were."""
+
+    position: Array
+    velocity: Array
+    windows: int
+
+
+def compile_for_simulation(xml: str, joints: tuple[str, ...], substep: float) -> Any:
+    """The MuJoCo model of an exported MJCF, set for forward simulation of those ``joints``.
+
+    The file has dry friction as inverse dynamics needs it (exact at any speed); integrated with a finite step that
+    reference would let a joint chatter about rest. Here friction stops a joint within one step instead. Limits and
+    contacts are off: the recording obeyed the robot's own.
+    """
+    try:
+        model = mujoco.MjModel.from_xml_string(xml)
+    except ValueError as error:
+        raise InputError(f"MuJoCo cannot compile the model ({' '.join(str(error).split())})") from None
+    known = {model.joint(k).name for k in range(model.njnt)}
+    if missing := [joint for joint in joints if joint not in known]:
+        raise InputError(f"the MJCF has no joint {missing[0]!r}; it has {', '.join(sorted(known))}")
+    model.opt.timestep = substep
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT
+    model.dof_solref[model.dof_frictionloss > 0] = (0.0, -1.0 / substep)
+    return model
+
+
+def resimulate(
+    xml: str, joints: tuple[str, ...], runs: list[Trajectory], settings: ResimulationSettings | None = None
+) -> StateError:
+    """State error of the MJCF text ``xml`` against ``runs`` (signals q, dq, tau of ``joints``), in short windows.
+
+    The torque of row k is applied from there to the next row, linearly interpolated (as measured torque is, sampled).
+    """
+    settings = settings or ResimulationSettings()
+    squares, count, windows = np.zeros((2, len(joints))), 0, 0
+    for run in runs:
+        rows = max(int(round(settings.window / run.dt)), 1)
+        stride = rows if settings.stride is None else max(int(round(settings.stride / run.dt)), 1)
+        parts = max(int(np.ceil(run.dt / settings.substep - 1e-9)), 1)
+        model = compile_for_simulation(xml, joints, run.dt / parts)
+        for first in range(0, len(run.time) - rows, stride):
+            own = run.rows(slice(first, first + rows + 1))
+            q, dq = _window(model, joints, own, parts)
+            squares += np.sum([(q - own["q"][1:]) ** 2, (dq - own["dq"][1:]) ** 2], axis=1)
+            count += rows
+            windows += 1
+    if not windows:
+        raise InputError(f"no run is as long as a window of {settings.window} s; give longer runs or a shorter window")
+    position, velocity = np.sqrt(squares / count)
+    return StateError(position, velocity, windows)
+
+
+def _window(model: Any, joints: tuple[str, ...], run: Trajectory, parts: int) -> tuple[Array, Array]:
+    """Positions and velocities (T - 1, n) at the rows after the first, each reached in ``parts`` steps a row."""
+    data = mujoco.MjData(model)
+    at_q = np.array([model.joint(joint).qposadr[0] for joint in joints])
+    at_dq = np.array([model.joint(joint).dofadr[0] for joint in joints])
+    drive = np.array([model.actuator(f"drive_{joint}").id for joint in joints])
+    data.qpos[at_q], data.qvel[at_dq] = run["q"][0], run["dq"][0]
+    tau = run["tau"]
+    q, dq = np.empty((2, len(tau) - 1, len(joints)))
+    for k in range(len(tau) - 1):
+        for part in range(parts):
+            data.ctrl[drive] = tau[k] + (part + 0.5) / parts * (tau[k + 1] - tau[k])
+            mujoco.mj_step(model, data)
+        q[k], dq[k] = data.qpos[at_q], data.qvel[at_dq]
+    return q, dq
