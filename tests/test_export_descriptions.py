@@ -122,7 +122,7 @@ def _exists(model):
 
 
 def test_what_is_lost_is_really_lost(robot):
-    """The wrong-cause control of the table: an effect that MJCF is said to lose does change our torque, not MuJoCo's."""
+    """The wrong-cause control of the table: an effect that MJCF is said to lose changes our torque, not MuJoCo's."""
     joint = robot.joint_names[0]
     effect = Effect("load_dependent_friction", (joint,), {"load_coefficient": 0.3})
     assert carried("mjcf", (effect,), robot)[0].lost == ("law",)

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from tests.support_export import FINGER, compiled, drawn, imported, motion, saved
 
 from hybrid_dynamics.effects import Effect, catalogue, family, readings
-from hybrid_dynamics.export import export
 from hybrid_dynamics.export.carry import carried
 from hybrid_dynamics.export.symbolic import SymbolicModel
+from hybrid_dynamics.export.writing import export
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.robots import Robot
 
@@ -115,7 +115,7 @@ def test_residual_is_what_the_users_own_rigid_body_lacks(robot, tmp_path):
 
 
 def test_deviation_is_that_of_the_parameters(robot):
-    """Against differences of the prediction, parameter by parameter; correlation matters, and what was left is added."""
+    """Against differences of the prediction, by parameter; correlation matters, and what was left is added."""
     first, second = robot.joint_names[:2]
     effects = (
         Effect("viscous_friction", (first,), {"viscous_coefficient": 0.4}, {}, {"viscous_coefficient": 0.05}),
@@ -148,8 +148,10 @@ def test_deviation_is_that_of_the_parameters(robot):
 
 
 def test_clean_under_the_sanitizers(robot, tmp_path):
-    """Address and undefined behaviour, over ordinary and over strange numbers; a program of its own, as a library cannot
-    be loaded into a Python that was built without them."""
+    """Address and undefined behaviour, over ordinary and over strange numbers.
+
+    A program of its own: a library with sanitizers cannot be loaded into a Python that was built without them.
+    """
     model = everything(robot, std_errors=True)
     export(saved(model, tmp_path), FINGER, "c", tmp_path / "arm.c")
     states = len(SymbolicModel(model).memories)
@@ -160,7 +162,9 @@ def test_clean_under_the_sanitizers(robot, tmp_path):
           static const double strange[] = {{0.0, -0.0, 1e-300, -3.0, 7.5, 1e6}};
           double q[ARM_JOINTS], v[ARM_JOINTS], a[ARM_JOINTS], m[ARM_JOINTS], o[ARM_JOINTS], s[ARM_STATES + 1] = {{0}};
           for (int k = 0; k < 6; k++) for (int l = 0; l < 6; l++) {{
-            for (int j = 0; j < ARM_JOINTS; j++) {{ q[j] = strange[k]; v[j] = strange[l]; a[j] = strange[(k + l) % 6]; }}
+            for (int j = 0; j < ARM_JOINTS; j++) {{
+              q[j] = strange[k]; v[j] = strange[l]; a[j] = strange[(k + l) % 6];
+            }}
             {"advance(v, 1e-3, s, s);" if states else ""}
             rigid_body(q, v, a, m); residual(q, v, a, m, {state}o); torque(q, v, a, {state}o);
             torque_std(q, v, a, {state}o);

@@ -24,7 +24,7 @@ _WORDS = {
 
 def render(source: Source, name: str, head: list[str]) -> Rendered:
     """The source file and the header beside it."""
-    model = SymbolicModel(source.model)
+    model = source.symbolic
     header = f"{Path(name).stem}.h"
     stem = re.sub(r"\W", "_", Path(name).stem)
     functions = [model.rigid_body, model.residual, model.torque, model.deviation]

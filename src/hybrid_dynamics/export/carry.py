@@ -9,9 +9,9 @@ from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.export.terms import WORDS, terms
 from hybrid_dynamics.robots import Robot
 
-#: Terms that a format which holds programs cannot carry either: they belong to the recording, not to the robot.
-_OF_THE_RECORDING = ("delay", "one_run")
-_PROGRAM = {term: "computed" for term in WORDS if term not in _OF_THE_RECORDING}
+#: Terms that no format carries: they belong to the recording, not to the robot.
+OF_THE_RECORDING = ("delay", "one_run")
+_PROGRAM = {term: "computed" for term in WORDS if term not in OF_THE_RECORDING}
 
 #: Per format the terms it carries, and how. What is not listed is lost, and that is said.
 CARRIES: Mapping[str, Mapping[str, str]] = {

@@ -8,12 +8,11 @@ from tempfile import TemporaryDirectory
 import casadi as cs
 
 from hybrid_dynamics.export.source import Rendered, Source
-from hybrid_dynamics.export.symbolic import SymbolicModel
 
 
 def function(source: Source) -> cs.Function:
     """``torque(q, dq, ddq[, state]) -> tau, tau_std, tau_rigid_body``, each (n,) [N m]."""
-    model = SymbolicModel(source.model)
+    model = source.symbolic
     arguments = list(model.inputs.values())
     own = arguments[:3]
     outputs = [model.torque(*arguments), model.deviation(*arguments), model.rigid_body(*own)]

@@ -48,7 +48,7 @@ def render(source: Source, name: str, head: list[str]) -> Rendered:
 
 def document(source: Source) -> ET.Element:
     """The <mujoco> element."""
-    robot = source.model.completed_robot
+    robot = source.kept.completed_robot
     model = robot.model
     terms = source.joint_terms("mjcf")
     root = ET.Element("mujoco", model=robot.name)
@@ -59,7 +59,7 @@ def document(source: Source) -> ET.Element:
     links = _links(source)
     bodies: dict[int, ET.Element] = {0: world}
     low, high = robot.position_limits
-    read = readings(source.robot, source.model.effects)
+    read = readings(source.robot, source.kept.effects)
     for k, joint in sorted(enumerate(robot.joint_ids), key=lambda pair: pair[1]):
         name = robot.joint_names[k]
         own = terms.get(name, {})

@@ -6,7 +6,6 @@ import casadi as cs
 
 from hybrid_dynamics.export.source import Rendered, Source
 from hybrid_dynamics.export.straight_line import NUMPY, statements
-from hybrid_dynamics.export.symbolic import SymbolicModel
 
 _WORDS = {
     "rigid_body": "Rigid-body torque (..., n) [N m] of the robot before any effect: the tau_model of `residual`.",
@@ -20,7 +19,7 @@ _WORDS = {
 
 def render(source: Source, name: str, head: list[str]) -> Rendered:
     """The importable file."""
-    model = SymbolicModel(source.model)
+    model = source.symbolic
     functions = [model.rigid_body, model.residual, model.torque, model.deviation]
     functions += [model.advance] if model.memories else []
     text = "\n".join(head).replace("\\", "/").replace('"""', "'''")

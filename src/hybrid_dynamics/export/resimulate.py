@@ -1,7 +1,7 @@
 """Proof by simulation: an exported MJCF, driven by the recorded torque of a held-out run, must move as the robot did.
 
-Torque in, motion out, in another engine: a check of the whole chain. A window starts at a recorded state and lasts half a
-second: longer ones would show how errors of position feed on themselves, not how good the model is.
+Torque in, motion out, in another engine: a check of the whole chain. A window starts at a recorded state and lasts half
+a second: longer ones would show how errors of position feed on themselves, not how good the model is.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def resimulate(
     settings = settings or ResimulationSettings()
     squares, count, windows = np.zeros((2, len(joints))), 0, 0
     for run in runs:
-        rows = max(int(round(settings.window / run.dt)), 1)
-        stride = rows if settings.stride is None else max(int(round(settings.stride / run.dt)), 1)
+        rows = max(round(settings.window / run.dt), 1)
+        stride = rows if settings.stride is None else max(round(settings.stride / run.dt), 1)
         parts = max(int(np.ceil(run.dt / settings.substep - 1e-9)), 1)
         model = compile_for_simulation(xml, joints, run.dt / parts)
         for first in range(0, len(run.time) - rows, stride):

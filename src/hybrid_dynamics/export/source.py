@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
+
 from hybrid_dynamics.effects import Effect, family
-from hybrid_dynamics.export.carry import carried
+from hybrid_dynamics.export.carry import OF_THE_RECORDING, carried
+from hybrid_dynamics.export.symbolic import SymbolicModel
 from hybrid_dynamics.export.terms import Terms, terms
-from hybrid_dynamics.loop.model import Model, load_model
+from hybrid_dynamics.loop.model import Model, load_model, read_model
+from hybrid_dynamics.loop.uncertainty import Uncertainty, uncertain_parameters, uncertainty_from
 from hybrid_dynamics.robots import Robot
 
 
@@ -24,16 +29,19 @@ class Rendered:
 
 @dataclass(frozen=True)
 class Source:
-    """``model`` with the robot file it was made for, and that file's path; ``lock``: joints fixed at zero."""
+    """``model`` with the URDF it was made for; ``lock``: joints fixed at zero; ``uncertainty`` where it is known."""
 
     model: Model
     urdf: Path
-    lock: tuple[str, ...] = field(default=())
+    lock: tuple[str, ...] = ()
+    uncertainty: Uncertainty | None = None
 
     @classmethod
     def read(cls, model: Path, urdf: Path, lock: tuple[str, ...] = ()) -> Source:
         """Read both files; :class:`InputError` names what is unusable or does not fit together."""
-        return cls(load_model(model, Robot.from_urdf(urdf, lock)), urdf, lock)
+        completed = load_model(model, Robot.from_urdf(urdf, lock))
+        block = read_model(model).get("uncertainty")
+        return cls(completed, urdf, lock, None if block is None else uncertainty_from(block))
 
     @property
     def robot(self) -> Robot:
@@ -44,6 +52,25 @@ class Source:
     def inactive(self) -> tuple[Effect, ...]:
         """Effects that ``model.json`` keeps on record without letting them act: they are not exported."""
         return tuple(getattr(self.model, "inactive", ()))
+
+    @cached_property
+    def kept(self) -> Model:
+        """The model without what belongs to the recording rather than to the robot, which no format carries."""
+        own = (e for e in self.model.effects if not set(terms(e, self.robot)) & set(OF_THE_RECORDING))
+        return Model(self.robot, tuple(own))
+
+    @property
+    def symbolic(self) -> SymbolicModel:
+        """What is kept, as CasADi functions."""
+        if self.uncertainty is None:
+            return SymbolicModel(self.kept)
+        kept = [any(e is effect for e in self.kept.effects) for effect in self.model.effects]
+        chosen = [kept[k] for k, _ in uncertain_parameters(self.model.effects)]
+        correlation = self.uncertainty.correlation
+        if correlation is not None:
+            fits = len(correlation) == len(chosen)
+            correlation = correlation[np.ix_(chosen, chosen)] if fits else None
+        return SymbolicModel(self.kept, self.uncertainty.residual, correlation)
 
     def losses(self, form: str) -> list[str]:
         """One line for every effect that format ``form`` cannot carry, or only in part."""
@@ -89,11 +116,10 @@ def name(effect: Effect) -> str:
 
 def values(effect: Effect) -> str:
     """Parameters with standard errors and units, and settings, in one line."""
-    units = {p.name: p.unit for p in family(effect.effect).parameters}
     parts = []
     for key, value in effect.parameters.items():
         error = effect.std_errors.get(key)
-        unit = units.get(key.rpartition("/")[2], "")
+        unit = family(effect.effect).unit(key, effect.settings)
         spread = "" if error is None else f" +- {error:.2g}"
         parts.append(f"{key} {value:.6g}{spread} {'' if unit == '1' else unit}".rstrip())
     return ", ".join(parts + [f"{key} {value}" for key, value in effect.settings.items()])

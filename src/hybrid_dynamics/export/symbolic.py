@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Effect, State, family, plant, readings
 from hybrid_dynamics.export.rigid_body import BodyNumbers, inverse_dynamics
 from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.uncertainty import uncertain_parameters
 
 Array = NDArray[np.float64]
 
@@ -217,13 +218,6 @@ class SymbolicModel:
         read = readings(self.model.robot, effects)
         body = BodyNumbers.of(plant(self.model.robot, effects)[0])
         return np.concatenate([body.flat(), read.offset, read.gain])
-
-
-def uncertain_parameters(effects: Sequence[Effect]) -> list[tuple[int, str]]:
-    """(index of the effect, name of the parameter) of all that have a standard error, in the model's order."""
-    return [
-        (k, key) for k, effect in enumerate(effects) for key in effect.parameters if effect.std_errors.get(key, 0) > 0
-    ]
 
 
 def _is_zero(value: Any) -> bool:

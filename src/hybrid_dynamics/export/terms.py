@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.effects.sign import TRAVEL, WIDTH
 from hybrid_dynamics.export.rigid_body import BodyNumbers
 from hybrid_dynamics.robots import Robot
@@ -69,6 +70,8 @@ _BY_NAME: dict[str, Callable[[Values], Terms]] = {
 def terms(effect: Effect, robot: Robot) -> Terms:
     """The terms of ``effect`` in ``robot``, each with its value (1 where it has no single number)."""
     kind = family(effect.effect)
+    if ONLY_RUN in effect.settings:
+        return {"one_run": 1.0}
     if kind.changes_body:
         return _body_terms(effect, robot)
     if kind.viscous_powers:

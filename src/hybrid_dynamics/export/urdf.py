@@ -48,7 +48,7 @@ def _set_friction(document: XmlText, source: Source) -> list[str]:
 
 def _set_inertials(document: XmlText, source: Source) -> list[str]:
     notes = []
-    robot, completed = source.model.robot, source.model.completed_robot
+    robot, completed = source.robot, source.kept.completed_robot
     before, after = BodyNumbers.of(robot).inertias, BodyNumbers.of(completed).inertias
     links = {link.attributes["name"]: link for link in document.root.all("link")}
     for joint, old, new in zip(robot.joint_names, before, after, strict=True):
