@@ -87,6 +87,23 @@ def test_predict_needs_no_torque(here):
     assert np.std(full["tau2"] - measured) < 0.1 * np.std(measured)
 
 
+def test_predict_reads_logs_in_another_form(here):
+    """Columns by name in degrees, motor side with its sign turned: the same prediction as for the plain log."""
+    log = pd.read_parquet("run.parquet")
+    other = pd.DataFrame({"ms": 1e3 * log["time"], "state": 1})
+    for j in range(1, 8):
+        other[f"pos_{j}"] = -100 * np.degrees(log[f"q{j}"])
+        other[f"trq_{j}"] = log[f"tau{j}"] / -100
+    other.to_csv("other.csv.gz", index=False, sep=";")
+    Path("log.yaml").write_text("columns: {time: ms, tau: 'trq_{i}'}\ngear_ratio: -100\nmotor_side: [q, tau]\n")
+    form = ("--log", "log.yaml", "--columns", "q=pos_{i}", "--units", "deg,ms")
+    assert run(*PREDICT[:-3], "--data", "other.csv.gz", *form, "--out", "other.parquet") == 0
+    log[["time", *(c for c in log if c.startswith(("q", "tau")))]].to_csv("plain.csv", index=False)
+    assert run(*PREDICT[:-3], "--data", "plain.csv", "--out", "plain.parquet") == 0
+    given, plain = (pq.read_table(f"{name}.parquet").to_pandas() for name in ("other", "plain"))
+    np.testing.assert_allclose(given.to_numpy(), plain.to_numpy(), atol=1e-5, equal_nan=True)
+
+
 @pytest.mark.parametrize(
     ("command", "out", "message"),
     [
@@ -107,6 +124,9 @@ def test_predict_needs_no_torque(here):
         ),
         ((*CLOSE[:-1], "--test", "run.parquet", "--out"), "out", "run.parquet: is given to --train and to --test"),
         ((*IMPORT[:-1], "--topic", "/joint_states", "--out"), "out.parquet", "a table has no topics"),
+        ((*IMPORT[:-1], "--units", "inch", "--out"), "out.parquet", "--units inch: 'inch' is unknown"),
+        ((*CLOSE[:-1], "--log", "none.yaml", "--out"), "out", "none.yaml: no such file; give the path of a log.yaml"),
+        ((*PREDICT[:-1], "--columns", "q=pos_{i}", "--out"), "p.parquet", "column 'pos_1' of q is missing"),
     ],
 )
 def test_outputs_never_replace_inputs(here, capsys, command, out, message):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import ConfigError, HybridDynamicsError, InputError
 from hybrid_dynamics.readers import describe, from_options, load_description, read_log
+from hybrid_dynamics.readers.delimited import standard_input
 from hybrid_dynamics.readers.described import decimated
 from hybrid_dynamics.readers.resample import ResampleSettings
 from hybrid_dynamics.trajectory import Trajectory
@@ -130,7 +131,9 @@ def test_packed_and_from_standard_input(tmp_path: Path, monkeypatch: pytest.Monk
     path.write_bytes(gzip.compress(text))
     same(read_log(path, JOINTS))
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(text)))
+    standard_input.cache_clear()
     same(read_log("-", JOINTS))
+    standard_input.cache_clear()
     path.write_bytes(gzip.compress(text)[:-40])
     with pytest.raises(InputError, match="not a readable gzip file"):
         read_log(path, JOINTS)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_dynamics.cli.console import Console
-from hybrid_dynamics.cli.options import LOG_HELP, add_command, add_robot, command_line
+from hybrid_dynamics.cli.options import LOG_HELP, add_command, add_log_form, add_robot, command_line, log_form
 from hybrid_dynamics.errors import InputError
 
 
@@ -22,6 +22,7 @@ def add_parser(subparsers: Any) -> None:
         example="hybrid-dynamics close-loop --robot robot.urdf --train a.csv b.csv --test c.csv --out out",
     )
     add_robot(parser)
+    add_log_form(parser)
     parser.add_argument("--train", required=True, nargs="+", type=Path, metavar="LOG", help="logs to learn from")
     parser.add_argument(
         "--test",
@@ -70,8 +71,9 @@ def run(args: argparse.Namespace) -> int:
             raise InputError(f"{log}: is given to --train and to --test; held-out logs must not be learnt from")
     start = load_model(args.model, robot) if args.model else None
     notices: list[str] = []
-    train = read_logs(args.train, robot, "train", notices)
-    test = read_logs(args.test, robot, "test", notices)
+    form = log_form(args)
+    train = read_logs(args.train, robot, "train", notices, log=form)
+    test = read_logs(args.test, robot, "test", notices, log=form)
     for notice in notices:
         console.note(notice)
     provenance = provenance_of(

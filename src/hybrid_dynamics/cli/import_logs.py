@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_dynamics.cli.console import Console
-from hybrid_dynamics.cli.options import add_command, add_robot
+from hybrid_dynamics.cli.options import add_command, add_log_form, add_robot, log_form
 
 
 def add_parser(subparsers: Any) -> None:
@@ -22,6 +22,7 @@ def add_parser(subparsers: Any) -> None:
         example="hybrid-dynamics import --robot robot.urdf --data a.mcap --out a.parquet",
     )
     add_robot(parser)
+    add_log_form(parser)
     parser.add_argument(
         "--data", required=True, type=Path, metavar="FILE", help="bag, MCAP, bag folder, CSV or Parquet"
     )
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         notices.append(line)
         console.note(line)
 
-    written = import_log(robot, args.data, args.out, args.topic, notify=note)
+    written = import_log(robot, args.data, args.out, args.topic, notify=note, log=log_form(args))
     span = float(written.time[-1] - written.time[0])
     console.say(
         f"{args.out}: {len(written.time)} samples, {span:.3f} s, {robot.n_joints} joints "

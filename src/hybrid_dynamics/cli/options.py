@@ -6,12 +6,16 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    from hybrid_dynamics.readers.description import LogDescription
 
 EXIT_CODES = "Exit codes: 0 a verdict or result, 2 unusable input or settings, 130 interrupted; 1 is a bug: report it."
 LOG_HELP = (
     "A LOG is CSV or Parquet with the header time,q1..qn[,dq1..dqn],tau1..taun (SI units; joints in the order of the "
-    "URDF; torque is what the drive delivers, positive along the joint axis), or a ROS bag or MCAP with JointState."
+    "URDF; torque is what the drive delivers, positive along the joint axis), the same packed (.csv.gz) or from standard "
+    "input (-), or a ROS bag or MCAP with JointState; --log, --columns and --units say how others are read."
 )
 
 
@@ -70,6 +74,24 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     """``--robot`` and ``--lock``."""
     parser.add_argument("--robot", required=True, type=Path, metavar="URDF", help="URDF of the robot")
     parser.add_argument("--lock", nargs="+", default=[], metavar="JOINT", help="joints fixed at zero (not in the logs)")
+
+
+def add_log_form(parser: argparse.ArgumentParser) -> None:
+    """``--log``, ``--columns``, ``--units``, ``--torque``: how logs in another form are read."""
+    group = parser.add_argument_group("logs in another form (docs/logs.md)")
+    group.add_argument("--log", type=Path, metavar="FILE", help="log.yaml that describes the logs")
+    group.add_argument(
+        "--columns", metavar="LIST", help="columns by name, such as time=stamp,q=actual_q_{i},tau=torque_{i}"
+    )
+    group.add_argument("--units", metavar="LIST", help="units of the columns, such as ms,deg,Nmm or dq=rpm")
+    group.add_argument("--torque", choices=("measured", "commanded"), help="which torque columns are read")
+
+
+def log_form(args: argparse.Namespace) -> LogDescription | None:
+    """What those options say; None where none of them is given."""
+    from hybrid_dynamics.readers.description import from_options
+
+    return from_options(args.log, args.columns, args.units, args.torque)
 
 
 def command_line(args: argparse.Namespace) -> dict[str, Any]:

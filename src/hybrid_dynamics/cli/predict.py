@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hybrid_dynamics.cli.console import Console
-from hybrid_dynamics.cli.options import LOG_HELP, add_command, add_robot
+from hybrid_dynamics.cli.options import LOG_HELP, add_command, add_log_form, add_robot, log_form
 from hybrid_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ def add_parser(subparsers: Any) -> None:
         example="hybrid-dynamics predict --model out/model.json --robot robot.urdf --data c.csv --out c.parquet",
     )
     add_robot(parser)
+    add_log_form(parser)
     parser.add_argument("--model", required=True, type=Path, metavar="FILE", help="model.json written by close-loop")
     parser.add_argument("--data", required=True, type=Path, metavar="LOG", help="log with positions")
     parser.add_argument(
@@ -72,11 +73,12 @@ def run(args: argparse.Namespace) -> int:
             raise InputError(f"{args.model}: holds no uncertainty (an earlier version wrote it); run close-loop again")
         uncertainty = uncertainty_from(block)
     notices: list[str] = []
+    form = log_form(args)
     try:
-        log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append)
+        log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append, log=form)
     except InputError as error:
         # The torque is only compared with: a log without it, or with one that is of no use, is predicted all the same.
-        log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append, torque=False)
+        log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append, torque=False, log=form)
         notices.append(f"no comparison with measured torque ({one_line(error)})")
     prediction = predict_log(model, log, parts=args.effects, uncertainty=uncertainty, notify=notices.append)
     left_out = int((~prediction.covered).sum())

@@ -8,12 +8,14 @@ import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from glob import escape
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.readers.delimited import STANDARD_INPUT, read_bytes
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.robots.identity import differences, digest_of, dynamics_of
 
@@ -55,10 +57,17 @@ def provenance_of(
 
 
 def file_digest(path: PathLike) -> dict[str, Any]:
-    """Name and SHA-256 of a file; of a folder (a ROS 2 bag) the digest of its files' names and contents."""
+    """Name and SHA-256 of a file, or of standard input (``-``).
+
+    Of a folder (a ROS 2 bag), and of a run in several files that is given by what their names begin with, the digest of
+    the files' names and contents.
+    """
     place = Path(path)
+    if str(path) == STANDARD_INPUT:
+        return {"name": "standard input", "sha256": hashlib.sha256(read_bytes(path)).hexdigest()}
     digest = hashlib.sha256()
-    for file in sorted(place.rglob("*")) if place.is_dir() else [place]:
+    several = place.rglob("*") if place.is_dir() else place.parent.glob(f"{escape(place.name)}*")
+    for file in [place] if place.is_file() else sorted(several):
         if not file.is_file():
             continue
         if place.is_dir():

@@ -11,6 +11,7 @@ import io
 import os
 import sys
 import zlib
+from functools import cache
 from pathlib import Path
 
 import pyarrow as pa
@@ -25,13 +26,19 @@ STANDARD_INPUT = "-"
 def read_bytes(file: str | os.PathLike[str]) -> bytes:
     """Content of ``file``; ``-`` is standard input, ``.gz`` is unpacked. Raises :class:`InputError`."""
     if str(file) == STANDARD_INPUT:
-        content = sys.stdin.buffer.read()
-        return _unpacked(content, "standard input") if content[:2] == b"\x1f\x8b" else content
+        return standard_input()
     path = Path(file)
     if not path.is_file():
         raise InputError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; give the path of a log")
     content = path.read_bytes()
     return _unpacked(content, str(path)) if path.suffix.lower() == ".gz" else content
+
+
+@cache
+def standard_input() -> bytes:
+    """What standard input holds, unpacked where it is packed; kept, because it can be read only once."""
+    content = sys.stdin.buffer.read()
+    return _unpacked(content, "standard input") if content[:2] == b"\x1f\x8b" else content
 
 
 def _unpacked(content: bytes, name: str) -> bytes:
