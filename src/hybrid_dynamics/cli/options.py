@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 EXIT_CODES = "Exit codes: 0 a verdict or result, 2 unusable input or settings, 130 interrupted; 1 is a bug: report it."
 LOG_HELP = (
     "A LOG is CSV or Parquet with the header time,q1..qn[,dq1..dqn],tau1..taun (SI units; joints in the order of the "
-    "URDF; torque is what the drive delivers, positive along the joint axis), the same packed (.csv.gz) or from standard "
-    "input (-), or a ROS bag or MCAP with JointState; --log, --columns and --units say how others are read."
+    "URDF; torque is what the drive delivers, positive along the joint axis), the same packed (.csv.gz) or from "
+    "standard input (-), or a ROS bag or MCAP with JointState; --log, --columns and --units say how others are read."
 )
 
 
