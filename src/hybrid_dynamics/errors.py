@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 
 class HybridDynamicsError(Exception):
@@ -33,7 +33,24 @@ class SourceError(HybridDynamicsError):
 
 
 class MissingDependencyError(HybridDynamicsError):
-    """An optional program (Julia for PySR, say) that is not installed."""
+    """An optional package or program (Julia for PySR, say) that is not installed."""
+
+    exit_code = 2
+
+
+@contextlib.contextmanager
+def needs_extra(extra: str, what: str) -> Iterator[None]:
+    """Around the import of a package that only the optional ``extra`` brings: where it is missing, say how to get it.
+
+    Raises :class:`MissingDependencyError`: ``what`` (a clause, such as "reading ROS bags") needs it.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(
+            f"{what} needs the package {error.name}, which is not installed; "
+            f"run: pip install 'hybrid-dynamics[{extra}]'"
+        ) from None
 
 
 #: The disk, not the program: full, over quota, too large a file, read-only, broken.

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg
 
-from hybrid_dynamics.errors import HybridDynamicsError
+from hybrid_dynamics.errors import HybridDynamicsError, needs_extra
 from hybrid_dynamics.types import Array
 
 if TYPE_CHECKING:
@@ -132,7 +132,8 @@ def physical_least_squares(
     ``prior_armature`` and ``armature_scale`` (n,) [kg m^2]. Returns ``pi`` (10 n,), ``Ia`` (n,) and friction
     ``[fv, fc, fo]`` (3 n,). Constraints: pseudo-inertias positive definite; Ia, fv, fc >= 0. Deterministic.
     """
-    import cvxpy as cp  # here: it takes a second to import
+    with needs_extra("study", "the least-squares baseline"):
+        import cvxpy as cp  # here: it takes a second to import
 
     n = len(prior_armature)
     p = len(grouping)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
 
-from hybrid_dynamics.errors import require
+from hybrid_dynamics.errors import needs_extra, require
 from hybrid_dynamics.models.base import Weights, check_data, check_features
 from hybrid_dynamics.types import Array
 
@@ -53,11 +53,17 @@ class NetworkSettings:
         require(0 <= self.seed < 2**63, f"nn.seed is {self.seed}; expected 0 or more")
 
 
+def _torch() -> Any:
+    """PyTorch; :class:`MissingDependencyError` where it is not installed."""
+    with needs_extra("nn", "a neural network"):
+        import torch
+    return torch
+
+
 @contextmanager
 def _reproducible() -> Iterator[None]:
     """A fixed number of threads and deterministic kernels, and the caller's choices back afterwards."""
-    import torch
-
+    torch = _torch()
     threads, deterministic = torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()
     torch.set_num_threads(THREADS)
     torch.use_deterministic_algorithms(True)
@@ -80,8 +86,7 @@ class NetworkEstimator(RegressorMixin, BaseEstimator):
 
     def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self:
         """Train on ``X`` (N, 7n), ``y`` (N, n) [N m]; same seed, same weights. ``progress(epoch, epochs, loss)``."""
-        import torch
-
+        torch = _torch()
         X, y = check_data(X, y)
         settings = self.settings or NetworkSettings()
         self.n_joints_ = y.shape[1]
@@ -109,8 +114,7 @@ class NetworkEstimator(RegressorMixin, BaseEstimator):
 
     def predict(self, X: Array) -> Array:
         """(N, n) [N m], in single precision within."""
-        import torch
-
+        torch = _torch()
         X = check_features(X, self.n_joints_)
         out = np.empty((len(X), self.n_joints_))
         hidden = tuple(w.shape[0] for name, w in self.weights_.items() if name.endswith("weight"))[:-1]
@@ -154,9 +158,8 @@ class NetworkEstimator(RegressorMixin, BaseEstimator):
 
 def _network(inputs: int, hidden: tuple[int, ...], outputs: int, generator: torch.Generator) -> torch.nn.Sequential:
     """Linear layers with ReLU between them, initialised as ``torch.nn.Linear`` does but from ``generator``."""
-    import torch
-
-    layers: list[torch.nn.Module] = []
+    torch = _torch()
+    layers: list[Any] = []
     widths = (inputs, *hidden, outputs)
     for k, (fan_in, fan_out) in enumerate(pairwise(widths)):
         layer = torch.nn.utils.skip_init(torch.nn.Linear, fan_in, fan_out)

@@ -18,7 +18,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from hybrid_dynamics.errors import require
+from hybrid_dynamics.errors import needs_extra, require
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models.base import Weights, check_data, check_features
 from hybrid_dynamics.models.factor import Factor
@@ -73,7 +73,8 @@ def factorize(X: Array, y: Array, settings: SindySettings) -> Factor:
 
 def _library(degree: int, features: int) -> Any:
     """PySINDy's polynomial library over ``features`` columns. Imported where it is used: PySINDy takes a second."""
-    from pysindy.feature_library import PolynomialLibrary
+    with needs_extra("study", "SINDy"):
+        from pysindy.feature_library import PolynomialLibrary
 
     return PolynomialLibrary(degree=degree).fit(np.zeros((1, features)))
 
@@ -102,7 +103,8 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
 
     def fit_factor(self, factor: Factor) -> Self:
         """Fit to data that :func:`factorize` has reduced; the same coefficients as :meth:`fit`."""
-        from pysindy.optimizers import STLSQ
+        with needs_extra("study", "SINDy"):
+            from pysindy.optimizers import STLSQ
 
         settings = self.settings or SindySettings()
         self.n_joints_ = factor.n_joints

@@ -14,15 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.reader import make_reader
-from mcap_ros1.decoder import DecoderFactory as Ros1Decoder
-from mcap_ros2.decoder import DecoderFactory as Ros2Decoder
 from numpy.typing import NDArray
-from rosbags.rosbag1 import Reader as Bag1
-from rosbags.rosbag2 import Reader as Bag2
-from rosbags.typesys import Stores, get_typestore
 
-from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.errors import InputError, needs_extra
 from hybrid_dynamics.readers.resample import Notify
 from hybrid_dynamics.readers.table import check_plausible
 from hybrid_dynamics.trajectory import Trajectory
@@ -64,6 +58,7 @@ def read_bag(
             f"{file}: a folder without metadata.yaml, so no ROS 2 bag; give the .mcap or .db3 file in it, or repair it "
             "(ros2 bag reindex)"
         )
+    _decoders()
     with _readable(file):
         topics = _topics(file)
     chosen = _choose(file, topics, topic)
@@ -87,6 +82,13 @@ def read_bag(
     return Trajectory(name, split, 1e-9 * (stamps - stamps[0]).astype(float), arrays)
 
 
+def _decoders() -> Any:
+    """The libraries that read bags; :class:`MissingDependencyError` where they are not installed."""
+    with needs_extra("bags", "reading ROS bags and MCAP"):
+        from hybrid_dynamics.readers import decoders
+    return decoders
+
+
 @contextmanager
 def _readable(file: Path) -> Iterator[None]:
     """Turn what the bag libraries raise on damaged files into one :class:`InputError`."""
@@ -105,7 +107,7 @@ def _topics(file: Path) -> dict[str, str]:
     """Message type of every topic."""
     if file.suffix == ".mcap" and file.is_file():
         with open(file, "rb") as stream:
-            summary = make_reader(stream, validate_crcs=True).get_summary()
+            summary = _decoders().make_reader(stream, validate_crcs=True).get_summary()
             if summary is None:
                 raise ValueError("no summary: the recording was not closed")
             schemas = {key: schema.name for key, schema in summary.schemas.items()}
@@ -131,13 +133,15 @@ def _choose(file: Path, topics: dict[str, str], topic: str | None) -> str:
 def _messages(file: Path, topic: str) -> Iterator[_Message]:
     if file.suffix == ".mcap" and file.is_file():
         with open(file, "rb") as stream:
-            reader = make_reader(stream, validate_crcs=True, decoder_factories=[Ros1Decoder(), Ros2Decoder()])
+            reader = _decoders().make_reader(
+                stream, validate_crcs=True, decoder_factories=[_decoders().Ros1Decoder(), _decoders().Ros2Decoder()]
+            )
             for decoded in reader.iter_decoded_messages(topics=[topic]):
                 yield _Message(topic, decoded.message.log_time, decoded.decoded_message)
         return
     first = file.suffix == ".bag"
     # JointState is the same in every distribution of ROS 1 and of ROS 2.
-    store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
+    store = _decoders().get_typestore(_decoders().Stores.ROS1_NOETIC if first else _decoders().Stores.ROS2_HUMBLE)
     decode = store.deserialize_ros1 if first else store.deserialize_cdr
     with _bag(file) as reader:
         wanted = [connection for connection in reader.connections if connection.topic == topic]
@@ -146,7 +150,7 @@ def _messages(file: Path, topic: str) -> Iterator[_Message]:
 
 
 def _bag(file: Path) -> Any:
-    return Bag1(file) if file.suffix == ".bag" else Bag2(file)
+    return _decoders().Bag1(file) if file.suffix == ".bag" else _decoders().Bag2(file)
 
 
 @dataclass(frozen=True)

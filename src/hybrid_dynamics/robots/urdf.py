@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
 
-from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.errors import InputError, MissingDependencyError
 
 MOVABLE = ("revolute", "continuous", "prismatic")
 #: A moment of inertia [kg m^2] this little below zero was rounded by the program that wrote the file.
@@ -197,7 +197,14 @@ def find_description(relative: str) -> Path:
 
     The distribution ships data without an importable module, so its own file list is searched.
     """
-    for entry in importlib.metadata.files("example-robot-data") or []:
+    try:
+        files = importlib.metadata.files("example-robot-data") or []
+    except importlib.metadata.PackageNotFoundError:
+        raise MissingDependencyError(
+            f"the description {relative!r} is in the package example-robot-data, which is not installed; run: pip "
+            "install 'hybrid-dynamics[study]', or give the path of a URDF of your own"
+        ) from None
+    for entry in files:
         if str(entry).endswith(relative):
             return Path(str(entry.locate())).resolve()
     raise InputError(f"example-robot-data holds no file {relative!r}; install the pinned version (make venv)")

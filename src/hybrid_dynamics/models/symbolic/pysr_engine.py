@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from hybrid_dynamics.errors import MissingDependencyError
+from hybrid_dynamics.errors import MissingDependencyError, needs_extra
 from hybrid_dynamics.models.expressions import parse_expression
 from hybrid_dynamics.models.symbolic.engines import is_finite, pareto, variable_names
 from hybrid_dynamics.models.symbolic.settings import BINARY, Candidate, SymbolicSettings
@@ -47,7 +47,8 @@ class PySREngine:
 
     def search(self, X: Array, y: Array, settings: SymbolicSettings, seed: int) -> list[Candidate]:
         """See :class:`Engine`."""
-        from pysr import PySRRegressor
+        with needs_extra("pysr", "sr=pysr"):
+            from pysr import PySRRegressor
 
         regressor = PySRRegressor(**regressor_options(settings, len(X), seed))
         names = variable_names(X.shape[1])

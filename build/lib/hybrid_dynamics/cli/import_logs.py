@@ -1,0 +1,63 @@
+"""``hybrid-dynamics import``: a recording of any supported kind to a Parquet log."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from hybrid_dynamics.cli.console import Console
+from hybrid_dynamics.cli.options import add_command, add_robot
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the ``import`` command to ``subparsers`` (of :meth:`argparse.ArgumentParser.add_subparsers`)."""
+    parser = add_command(
+        subparsers,
+        "import",
+        run,
+        short="convert a ROS bag, MCAP or CSV recording to a Parquet log",
+        long="Convert a recording (ROS 1 bag, ROS 2 bag folder, MCAP, CSV) to a Parquet log "
+        "(time, q, dq, tau); joints are matched by name to the URDF.",
+        example="hybrid-dynamics import --robot robot.urdf --data a.mcap --out a.parquet",
+    )
+    add_robot(parser)
+    parser.add_argument(
+        "--data", required=True, type=Path, metavar="FILE", help="bag, MCAP, bag folder, CSV or Parquet"
+    )
+    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="the Parquet file to write")
+    parser.add_argument("--topic", help="JointState topic, where the recording holds several")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; raises :class:`~hybrid_dynamics.errors.InputError` for unusable input."""
+    from hybrid_dynamics.readers.log import import_log
+    from hybrid_dynamics.robots import Robot
+
+    console = Console.of(args)
+    robot = Robot.from_urdf(args.robot, tuple(args.lock))
+    notices: list[str] = []
+
+    def note(line: str) -> None:
+        notices.append(line)
+        console.note(line)
+
+    written = import_log(robot, args.data, args.out, args.topic, notify=note)
+    span = float(written.time[-1] - written.time[0])
+    console.say(
+        f"{args.out}: {len(written.time)} samples, {span:.3f} s, {robot.n_joints} joints "
+        f"({', '.join(robot.joint_names)}), signals {', '.join(written.signals)}"
+    )
+    console.result(
+        {
+            "status": "ok",
+            "command": "import",
+            "samples": len(written.time),
+            "duration": span,
+            "joints": list(robot.joint_names),
+            "signals": list(written.signals),
+            "notes": notices,
+            "files": {"log": str(args.out)},
+        }
+    )
+    return 0

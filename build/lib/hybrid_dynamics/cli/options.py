@@ -1,0 +1,87 @@
+"""What the commands have in common: their options, their help, the one-line complaint about a wrong argument."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+EXIT_CODES = "Exit codes: 0 a verdict or result, 2 unusable input or settings, 130 interrupted; 1 is a bug: report it."
+LOG_HELP = (
+    "A LOG is CSV or Parquet with the header time,q1..qn[,dq1..dqn],tau1..taun (SI units; joints in the order of the "
+    "URDF; torque is what the drive delivers, positive along the joint axis), or a ROS bag or MCAP with JointState."
+)
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose complaint is one line."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"error: {' '.join(message.split())} (see {self.prog} --help)", file=sys.stderr)
+        sys.exit(2)
+
+
+class VersionAction(argparse.Action):
+    """``--version``, looked up only when it is asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, **options: Any) -> None:
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help="print the version and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> None:
+        print(f"hybrid-dynamics {version()}")
+        parser.exit()
+
+
+def version() -> str:
+    """Version of the installed package."""
+    from importlib import metadata
+
+    try:
+        return metadata.version("hybrid-dynamics")
+    except metadata.PackageNotFoundError:
+        return "unknown (not installed)"
+
+
+def add_command(
+    subparsers: Any, name: str, run: Callable[[argparse.Namespace], int], *, short: str, long: str, example: str
+) -> argparse.ArgumentParser:
+    """A subcommand with the options all have; ``example`` is a command line that works."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        name,
+        help=short,
+        description=long,
+        epilog=f"Example: {example}   {EXIT_CODES}",
+        allow_abbrev=False,
+    )
+    parser.set_defaults(run=run)
+    group = parser.add_argument_group("output")
+    group.add_argument("--json", action="store_true", help="print a summary for programs (one JSON object) to stdout")
+    group.add_argument("--quiet", action="store_true", help="print nothing but errors (and --json)")
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="YAML file with these options (train: [a.csv, b.csv]); flags win"
+    )
+    parser.add_argument("--version", action=VersionAction)
+    return parser
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """``--robot`` and ``--lock``."""
+    parser.add_argument("--robot", required=True, type=Path, metavar="URDF", help="URDF of the robot")
+    parser.add_argument("--lock", nargs="+", default=[], metavar="JOINT", help="joints fixed at zero (not in the logs)")
+
+
+def command_line(args: argparse.Namespace) -> dict[str, Any]:
+    """The options of a run as JSON values, for the record: files by name, without what concerns only the terminal.
+
+    Where the files lay is no part of a result: the same files elsewhere give the same bytes.
+    """
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return [plain(v) for v in value]
+        return value.name if isinstance(value, Path) else value
+
+    left_out = ("run", "json", "quiet", "config", "force", "out")
+    return {key: plain(value) for key, value in sorted(vars(args).items()) if key not in left_out}

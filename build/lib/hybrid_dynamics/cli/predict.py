@@ -1,0 +1,166 @@
+"""``hybrid-dynamics predict``: torque that a completed model predicts along the motion of a log."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hybrid_dynamics.cli.console import Console
+from hybrid_dynamics.cli.options import LOG_HELP, add_command, add_robot
+from hybrid_dynamics.errors import InputError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from hybrid_dynamics.loop.prediction import Prediction
+
+SUFFIXES = (".parquet", ".pq", ".csv")
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the ``predict`` command to ``subparsers`` (of :meth:`argparse.ArgumentParser.add_subparsers`)."""
+    parser = add_command(
+        subparsers,
+        "predict",
+        run,
+        short="torque that a completed model predicts for a log",
+        long="Predict drive torque along the motion of a log, a row for every row of it, at the loop's bandwidth; "
+        "where the log has torque, the error of the prediction is told and written. " + LOG_HELP,
+        example="hybrid-dynamics predict --model out/model.json --robot robot.urdf --data c.csv --out c.parquet",
+    )
+    add_robot(parser)
+    parser.add_argument("--model", required=True, type=Path, metavar="FILE", help="model.json written by close-loop")
+    parser.add_argument("--data", required=True, type=Path, metavar="LOG", help="log with positions")
+    parser.add_argument(
+        "--out",
+        required=True,
+        type=Path,
+        metavar="FILE",
+        help="file to write, .parquet or .csv: time, tau1 ..., and error1 ... where the log has torque",
+    )
+    parser.add_argument(
+        "--effects", action="store_true", help="a column for the rigid body and for each effect too; they add up to tau"
+    )
+    parser.add_argument(
+        "--band",
+        action="store_true",
+        help="columns tau_std1 ...: standard deviation of measured minus predicted torque",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """The ``predict`` command."""
+    from hybrid_dynamics.errors import one_line
+    from hybrid_dynamics.files import check_target
+    from hybrid_dynamics.loop.model import load_model, read_model
+    from hybrid_dynamics.loop.prediction import predict_log
+    from hybrid_dynamics.loop.uncertainty import uncertainty_from
+    from hybrid_dynamics.readers.log import read_raw
+    from hybrid_dynamics.robots import Robot
+
+    console = Console.of(args)
+    if args.out.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{args.out}: expected a file name that ends in .parquet or .csv")
+    check_target(args.out, [args.data, args.model, args.robot])
+    robot = Robot.from_urdf(args.robot, tuple(args.lock))
+    model = load_model(args.model, robot)
+    uncertainty = None
+    if args.band:
+        block = read_model(args.model).get("uncertainty")
+        if block is None:
+            raise InputError(f"{args.model}: holds no uncertainty (an earlier version wrote it); run close-loop again")
+        uncertainty = uncertainty_from(block)
+    notices: list[str] = []
+    try:
+        log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append)
+    except InputError as error:
+        # The torque is only compared with: a log without it, or with one that is of no use, is predicted all the same.
+        log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append, torque=False)
+        notices.append(f"no comparison with measured torque ({one_line(error)})")
+    prediction = predict_log(model, log, parts=args.effects, uncertainty=uncertainty, notify=notices.append)
+    left_out = int((~prediction.covered).sum())
+    if left_out:
+        notices.append(f"{left_out} rows stand in stretches too short to filter; they have no prediction")
+    for notice in dict.fromkeys(notices):
+        console.note(notice)
+    table = _table(prediction, robot.joint_names)
+    _write(args.out, table)
+    console.say(f"{args.out}: {table.num_rows} rows of predicted torque [N m]")
+    summary: dict[str, Any] = {
+        "status": "ok",
+        "command": "predict",
+        "rows": table.num_rows,
+        "without_prediction": left_out,
+        "columns": table.column_names,
+        "notes": notices,
+        "files": {"prediction": str(args.out)},
+    }
+    if prediction.measured is not None:
+        summary["error"] = _tell_error(console, prediction, robot.joint_names)
+    console.result(summary)
+    return 0
+
+
+def _tell_error(console: Console, prediction: Prediction, joints: tuple[str, ...]) -> dict[str, Any]:
+    """Print the error per joint; returns it as JSON values."""
+    import numpy as np
+
+    smooth, raw, relative = prediction.rmse(), prediction.rmse(smooth=False), prediction.relative_rmse()
+    rows = [
+        [name, f"{a:.4g}", "-" if np.isnan(r) else f"{100 * r:.3g} %", f"{b:.4g}"]
+        for name, a, r, b in zip(joints, smooth, relative, raw, strict=True)
+    ]
+    console.table(["error of the prediction, rmse [N m]", "filtered", "of the spread", "as recorded"], rows)
+    total = prediction.relative_error()
+    console.say(f"all joints: {100 * total:.3g} % of the filtered torque")
+    return {
+        "rmse": [float(v) for v in smooth],
+        "relative_rmse": [None if np.isnan(v) else float(v) for v in relative],
+        "relative_error": None if np.isnan(total) else total,
+        "rmse_as_recorded": [float(v) for v in raw],
+    }
+
+
+def _table(prediction: Prediction, joints: tuple[str, ...]) -> pa.Table:
+    """Columns ``time``, ``tau1 ...``, then what was asked for; a row without a prediction holds nulls."""
+    import numpy as np
+    import pyarrow as pa
+
+    columns: dict[str, Any] = {"time": prediction.time}
+    notes: dict[str, dict[str, str]] = {"time": {"unit": "s"}}
+
+    def put(name: str, values: Any, j: int, meaning: str) -> None:
+        columns[name] = values[:, j]
+        notes[name] = {"unit": "N m", "joint": joints[j], "meaning": meaning}
+
+    numbers = range(len(joints))
+    for j in numbers:
+        put(f"tau{j + 1}", prediction.tau, j, "predicted torque")
+    if prediction.measured_smooth is not None:
+        for j in numbers:
+            put(f"error{j + 1}", prediction.measured_smooth - prediction.tau, j, "measured (filtered) minus predicted")
+    if prediction.band is not None:
+        for j in numbers:
+            put(f"tau_std{j + 1}", prediction.band, j, "standard deviation to be expected of the error")
+    for part, values in prediction.parts.items():
+        for j in numbers:
+            # An effect of one joint has no column on the others.
+            if part == "rigid_body" or np.nanmax(np.abs(values[:, j]), initial=0.0) > 0:
+                put(f"tau{j + 1}_{part}", values, j, "share of the predicted torque")
+    fields = [pa.field(name, pa.float64(), metadata=notes[name]) for name in columns]
+    arrays = [pa.array(values, pa.float64(), from_pandas=True) for values in columns.values()]
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+
+def _write(path: Path, table: pa.Table) -> None:
+    import pyarrow.csv as pacsv
+    import pyarrow.parquet as pq
+
+    from hybrid_dynamics.files import atomic_path
+
+    with atomic_path(path) as temporary:
+        if path.suffix.lower() == ".csv":
+            pacsv.write_csv(table, temporary, pacsv.WriteOptions(quoting_style="none", quoting_header="none"))
+        else:
+            pq.write_table(table, temporary, compression="zstd")

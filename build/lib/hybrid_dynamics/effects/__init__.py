@@ -1,0 +1,48 @@
+"""The effect catalogue: one module a family, registered by name. A new file in this folder is a new effect."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+from hybrid_dynamics.effects.base import (
+    Effect,
+    Family,
+    Slot,
+    StateTorque,
+    catalogue,
+    family,
+    register,
+)
+from hybrid_dynamics.effects.keys import split_key
+from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, State
+
+for _module in sorted(module.name for module in pkgutil.iter_modules(__path__)):
+    importlib.import_module(f"{__name__}.{_module}")
+
+from hybrid_dynamics.effects.plant import (  # noqa: E402  (needs the filled registry)
+    Readings,
+    plant,
+    predict,
+    readings,
+)
+
+__all__ = [
+    "Effect",
+    "Equivalence",
+    "Family",
+    "Motion",
+    "Parameter",
+    "Readings",
+    "Refined",
+    "Slot",
+    "State",
+    "StateTorque",
+    "catalogue",
+    "family",
+    "plant",
+    "predict",
+    "readings",
+    "register",
+    "split_key",
+]

@@ -1,0 +1,41 @@
+"""Rotor inertia of one drive, seen at the joint: tau = Ia ddq, Ia >= 0 (gyroscopic terms neglected)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+@register
+class Armature(Family):
+    name = "armature"
+    scope = "joint"
+    parameters = (Parameter("armature", "kg m^2"),)
+    changes_body = True
+    drawn_against = "ddq"
+    shown_by = "the joint accelerates hard while the joints before it move as well"
+    equivalent_to = (
+        Equivalence(
+            ("link_inertia",),
+            "inertia about the joint's own axis, where nothing else moves the link",
+            "on the first joint of a fixed base no motion tells; elsewhere move the joints before it as well",
+        ),
+    )
+
+    def columns(self, motion: Motion, slot: Slot) -> Array:
+        return motion.ddq[:, [slot.index]]
+
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.zeros(1)
+
+    def change(self, robot: Robot, effect: Effect) -> None:
+        joint = robot.joint_ids[effect.joint_index(robot) or 0]
+        rotor = robot.model.armature.copy()
+        rotor[robot.model.idx_vs[joint]] += effect.parameters["armature"]
+        robot.model.armature = rotor

@@ -1,0 +1,57 @@
+"""Coulomb friction that differs with the direction: tau = Fc+ for dq > 0, -Fc- for dq < 0, both >= 0.
+
+On a moving joint the same as Coulomb friction (Fc+ + Fc-)/2 and an offset (Fc+ - Fc-)/2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.sign import sign_of, travel_of, width_settings
+from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+@register
+class AsymmetricCoulombFriction(Family):
+    name = "asymmetric_coulomb_friction"
+    scope = "joint"
+    parameters = (Parameter("coulomb_torque_positive", "N m"), Parameter("coulomb_torque_negative", "N m"))
+    size = 2
+    searched = False
+    turns_sign = True
+    contains = ("coulomb_friction",)
+    drawn_against = "dq"
+    shown_by = "the joint reverses often, moves in both directions at several speeds and rests under no load"
+    equivalent_to = (
+        Equivalence(
+            ("coulomb_friction", "torque_offset"),
+            "on a moving joint Coulomb friction and an offset make the same torque",
+            "let the joint rest: an offset acts then too",
+        ),
+    )
+
+    def grid(self, options: Mapping[str, Any]) -> list[Settings]:
+        return width_settings(options["sign_widths"])
+
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        sign = sign_of(xp, at.own_dq, settings, at.z)
+        up, down = parameters["coulomb_torque_positive"], parameters["coulomb_torque_negative"]
+        return 0.5 * (up + down) * sign + 0.5 * (up - down) * xp.abs(sign)
+
+    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+        return travel_of(settings)
+
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.zeros(2)
+
+    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+        ratio = float(rng.uniform(0.2, 0.7))
+        return np.array([1.0, ratio] if rng.random() < 0.5 else [ratio, 1.0])

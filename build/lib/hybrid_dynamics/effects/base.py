@@ -1,0 +1,394 @@
+"""What every effect of the catalogue offers: law, regressor columns, constraints, inverse, and what is known of it.
+
+An effect is the torque the drive must ADD to what the model already has. Given its *settings* it is linear in its
+*coordinates* x (p,): ``torque = columns @ x``; coordinates and settings together become the published parameters (names
+and units of the catalogue) by :meth:`Family.parameters_of`. Where the torque is not exactly linear (a shifted centre of
+mass), the columns are its derivative at zero and the loop iterates with the exact torque of
+:mod:`hybrid_dynamics.effects.plant`.
+
+**One law.** A family that is not part of the rigid body writes its torque once, as :meth:`Family.law`, over an array
+namespace ``xp``: columns, prediction, forward simulation and every export come from it. ``xp`` offers ``sin cos exp
+tanh abs sign sqrt where minimum maximum`` (NumPy does; for CasADi or C a small object with these names does). What the
+law sees is a :class:`State`: quantities of all joints, indexed by joint, as arrays (T,) or as symbols.
+
+**Memory.** Friction that follows the distance since the last reversal has one state z, dz/dt = (dq - abs(dq) z) / s
+(Dahl 1968, scaled to abs(z) <= 1); :meth:`Family.travel` gives s [rad], or None without memory; the law reads ``at.z``.
+
+**Nonlinear parameters** are numbers in the slot's settings, declared as :class:`Refined`: the loop starts from the
+small grid that :meth:`Family.slots` offers and refines them; they are published as parameters, with standard errors.
+"""
+
+from __future__ import annotations
+
+from abc import ABC
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.keys import central_difference, hashable, joint_number, split_key
+from hybrid_dynamics.effects.sign import travelled_sign
+from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, Scope, Settings, State, Variable
+from hybrid_dynamics.errors import ConfigError, InputError
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+#: ``torque(q, dq, load=None, ddq=None, time=None) -> (T, n)`` [N m].
+StateTorque = Callable[..., Array]
+
+#: Setting that names the other joint of an effect between two.
+FROM_JOINT = "from_joint"
+#: Setting of an effect that acts in one run only: its name.
+ONLY_RUN = "only_run"
+
+
+@dataclass(frozen=True, order=True)
+class Slot:
+    """A place an effect can take: family, joint (0-based; None for the whole robot), settings (sorted pairs)."""
+
+    effect: str
+    joint: int | None = None
+    settings: Settings = ()
+
+    def family(self) -> Family:
+        """The catalogue's entry."""
+        return family(self.effect)
+
+    @property
+    def index(self) -> int:
+        """The joint's index, for an effect that sits at one."""
+        if self.joint is None:
+            raise InputError(f"effect {self.effect} acts on the whole robot; it has no joint")
+        return self.joint
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return self.family().size_of(self)
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """What at most one effect of a model may have: two slots of one place exclude each other."""
+        return self.family().place(self)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The settings as a dictionary."""
+        return dict(self.settings)
+
+    def refined(self, **values: float) -> Slot:
+        """The same place with other values of nonlinear parameters."""
+        known = {r.name for r in self.family().nonlinear_settings}
+        if unknown := set(values) - known:
+            raise InputError(f"effect {self.effect} has no nonlinear parameter {', '.join(sorted(unknown))}")
+        return replace(self, settings=tuple(sorted({**self.options, **values}.items())))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect with values: as it stands in ``model.json`` and ``diagnosis.json``.
+
+    ``parameters`` and ``std_errors`` map the published names to SI values; a parameter that a whole-robot effect has
+    once per link is called ``"joint/name"``. ``joints`` holds joint names, none for a whole-robot effect. ``settings``
+    is what is not a number that was identified; nonlinear parameters given among them are taken out, since they are
+    parameters.
+    """
+
+    effect: str
+    joints: tuple[str, ...] = ()
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    std_errors: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        known = family(self.effect)
+        nonlinear = {r.name for r in known.nonlinear_settings}
+        settings = {k: hashable(v) for k, v in self.settings.items() if k not in nonlinear}
+        object.__setattr__(self, "settings", settings)
+        names = known.published(settings)
+        if sorted(self.parameters) != sorted(names):
+            raise InputError(
+                f"effect {self.effect}: parameters are {', '.join(sorted(self.parameters)) or 'none'}; "
+                f"expected {', '.join(names) or 'none'}"
+            )
+        expected = (0,) if known.scope == "robot" else (0, 1) if known.shared else (1,)
+        if len(self.joints) not in expected:
+            raise InputError(f"effect {self.effect}: {len(self.joints)} joints are named; expected {expected[-1]}")
+
+    def joint_index(self, robot: Robot) -> int | None:
+        """0-based index of the effect's joint in ``robot``."""
+        return joint_number(robot, self.joints[0], f"effect {self.effect}") if self.joints else None
+
+    def slot(self, robot: Robot) -> Slot:
+        """The place it takes in ``robot``, nonlinear parameters among its settings."""
+        numbers = family(self.effect).setting_values(self.parameters)
+        settings = {**self.settings, **numbers}
+        return Slot(self.effect, self.joint_index(robot), tuple(sorted(settings.items())))
+
+
+class Family(ABC):
+    """One entry of the catalogue. Subclasses are registered by :func:`register` under ``name``.
+
+    >>> from hybrid_dynamics import Family
+    >>> from hybrid_dynamics.effects import catalogue, family
+    >>> viscous = family("viscous_friction")
+    >>> isinstance(viscous, Family), viscous.scope, viscous.parameters
+    (True, 'joint', (Parameter(name='viscous_coefficient', unit='N m s/rad'),))
+    >>> "coulomb_friction" in catalogue()
+    True
+    """
+
+    name: ClassVar[str]
+    scope: ClassVar[Scope]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    #: Number of coordinates; ask ``slot.size`` where it may depend on the slot.
+    size: ClassVar[int] = 1
+    #: Sought without being asked for by name.
+    searched: ClassVar[bool] = True
+    #: A joint effect that may also be one for all joints together (no joint is named then).
+    shared: ClassVar[bool] = False
+    #: Several of it may sit on one joint (see :meth:`place`).
+    several: ClassVar[bool] = False
+    #: Families that this one holds as a special case: they go from its joint when it comes.
+    contains: ClassVar[tuple[str, ...]] = ()
+    #: Coordinates are ten inertial parameters a body: many free numbers that can imitate simpler effects.
+    is_body: ClassVar[bool] = False
+    #: True where the torque is not exactly linear in the coordinates.
+    nonlinear: ClassVar[bool] = False
+    #: Parameters that stand as numbers in the settings of a slot and are refined.
+    nonlinear_settings: ClassVar[tuple[Refined, ...]] = ()
+    #: True where the torque depends on the rigid-body torque of the joint, and so on all other effects of the body.
+    uses_load: ClassVar[bool] = False
+    #: True where the columns follow the torque of the whole model so far (``Motion.given_torque``).
+    uses_torque: ClassVar[bool] = False
+    #: True where the effect changes what is read (a gain, an offset, a delay), not what the robot does.
+    changes_reading: ClassVar[bool] = False
+    #: Powers of the speed, one for each coordinate, where the effect is a viscous torque x |dq|^power sign(dq).
+    viscous_powers: ClassVar[tuple[int, ...]] = ()
+    #: True where the torque follows sign(dq); how that turns over is a setting (see ``effects/sign.py``).
+    turns_sign: ClassVar[bool] = False
+    #: True where the effect changes the rigid body.
+    changes_body: ClassVar[bool] = False
+    #: The variable a residual is drawn against so that the effect shows.
+    drawn_against: ClassVar[Variable] = "dq"
+    #: What motion shows this effect as itself (one clause, follows "a motion in which").
+    shown_by: ClassVar[str] = ""
+    #: Families that can make the same torque, and why.
+    equivalent_to: ClassVar[tuple[Equivalence, ...]] = ()
+
+    # -- where it can sit ---------------------------------------------------------------------------------------------
+    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+        """The places where this effect could sit; ``moving`` (n,) tells which joints move in the data.
+
+        Nonlinear parameters stand at the few values of :meth:`grid`.
+        """
+        joints: list[int | None] = [None] if self.scope == "robot" else [j for j in range(robot.n_joints) if moving[j]]
+        return [Slot(self.name, j, settings) for j in joints for settings in self.grid(options)]
+
+    def grid(self, options: Mapping[str, Any]) -> list[Settings]:
+        """Settings to start from, the same on every joint."""
+        return [()]
+
+    def propose(
+        self, names: Sequence[str], motions: Sequence[Motion], residuals: Sequence[Array], moving: NDArray[np.bool_]
+    ) -> list[Slot]:
+        """Slots suggested by what a model leaves: ``residuals`` (T, n) [N m], one for each of ``motions`` (runs)."""
+        return []
+
+    def size_of(self, slot: Slot) -> int:
+        """Number of coordinates at ``slot``."""
+        return self.size
+
+    def place(self, slot: Slot) -> tuple[Any, ...]:
+        """See :attr:`Slot.place`."""
+        return (slot.effect, slot.joint)
+
+    def partner(self, robot: Robot, settings: Mapping[str, Any]) -> int | None:
+        """0-based index of the other joint of an effect between two."""
+        name = settings.get(FROM_JOINT)
+        return None if name is None else joint_number(robot, str(name), f"effect {self.name}, setting {FROM_JOINT}")
+
+    def rows(self, robot: Robot, slot: Slot) -> list[tuple[int, int | None]]:
+        """(joint, partner) of every row of the torque in which the law stands."""
+        return [(slot.index, self.partner(robot, slot.options))]
+
+    # -- the law ------------------------------------------------------------------------------------------------------
+    @property
+    def has_law(self) -> bool:
+        """False where the effect is part of the rigid body or of what is read."""
+        return not (self.changes_body or self.changes_reading)
+
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        """Torque [N m] of joint ``at.joint``, over the array namespace ``xp``; see the module's first lines."""
+        raise InputError(f"effect {self.name} has no law of its own: it is part of the rigid body or of the reading")
+
+    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+        """Distance s [rad] of the memory that ``at.z`` holds, or None where the law has none."""
+        return None
+
+    def at_slot(self, slot: Slot, x: Array, robot: Robot) -> tuple[dict[str, float], dict[str, Any]]:
+        """Published parameters and settings of coordinates ``x``, as the law takes them."""
+        return self.parameters_of(x, robot, slot), slot.options
+
+    def columns(self, motion: Motion, slot: Slot) -> Array:
+        """Regressor: (T, p) for the torque of ``slot.joint``, or (T, n, p) where it acts on several joints.
+
+        The law at each unit coordinate; families whose published parameters do not exist there have their own.
+        """
+        rows = self.rows(motion.robot, slot)
+        units = np.eye(self.size_of(slot))
+        out = np.zeros((len(motion.time), motion.robot.n_joints if len(rows) > 1 else 1, len(units)))
+        for k, unit in enumerate(units):
+            parameters, settings = self.at_slot(slot, unit, motion.robot)
+            for joint, partner in rows:
+                at = motion.state(joint, partner, self.uses_load)
+                out[:, joint if len(rows) > 1 else 0, k] = self.along(at, parameters, settings)
+        return out if len(rows) > 1 else out[:, 0]
+
+    def along(self, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Array:
+        """The law (T,) over one run, rows in the order of time: its memory runs along."""
+        travel = self.travel(parameters, settings)
+        if travel is not None:
+            at = replace(at, z=travelled_sign(at.own_q, travel))
+        return np.broadcast_to(self.law(np, at, parameters, settings), np.shape(at.own_dq)).astype(float)
+
+    def setting_columns(self, motion: Motion, slot: Slot, x: Array) -> Array:
+        """Derivative of the torque at ``x`` with respect to the nonlinear parameters: as :meth:`columns`, (..., m)."""
+        parts = []
+        for r in self.nonlinear_settings:
+            value = float(slot.options[r.name])
+            h = 1e-4 * (abs(value) if r.log else max(r.high - r.low, 1e-12))
+            up, down = (self.columns(motion, slot.refined(**{r.name: value + s * h})) @ x for s in (1, -1))
+            parts.append((up - down) / (2 * h))
+        return np.stack(parts, axis=-1)
+
+    # -- what physics demands -----------------------------------------------------------------------------------------
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        """Smallest admissible coordinates (p,)."""
+        return np.full(self.size if slot is None else slot.size, -np.inf)
+
+    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        """Order of magnitude (p,) beyond which a coordinate is implausible; only regularises what data leaves open."""
+        return np.full(self.size if slot is None else slot.size, 1e6)
+
+    def inertial_bodies(self, robot: Robot, slot: Slot) -> list[tuple[int, Array]]:
+        """Bodies that must stay physical: first of ten coordinates, and the inertia (10,) they are added to."""
+        return []
+
+    def settle(self, x: Array, robot: Robot, slot: Slot) -> Array:
+        """The coordinates nearest to ``x`` (p,) that the effect can have, where not all of them stand for one."""
+        return x
+
+    # -- published parameters -----------------------------------------------------------------------------------------
+    def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
+        """Keys of the published parameters of an effect with ``settings``, in order."""
+        return tuple(p.name for p in self.parameters)
+
+    def unit(self, key: str, settings: Mapping[str, Any]) -> str:
+        """Unit of the published parameter ``key`` (``"name"`` or ``"joint/name"``)."""
+        return {p.name: p.unit for p in self.parameters}[split_key(key)[1]]
+
+    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+        """Published parameters of coordinates ``x`` (p,) at ``slot``; nonlinear ones come from its settings."""
+        linear = [p.name for p in self.parameters if p.name not in {r.name for r in self.nonlinear_settings}]
+        values = {name: float(v) for name, v in zip(linear, x, strict=True)}
+        return values | {r.name: float(slot.options[r.name]) for r in self.nonlinear_settings}
+
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+        """Inverse of :meth:`parameters_of`."""
+        refined = {r.name for r in self.nonlinear_settings}
+        return np.array([parameters[p.name] for p in self.parameters if p.name not in refined])
+
+    def setting_values(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Nonlinear parameters of published ones, as they stand in a slot's settings."""
+        return {r.name: float(parameters[r.name]) for r in self.nonlinear_settings}
+
+    def left_open(self, slot: Slot, loose: NDArray[np.bool_]) -> list[str]:
+        """Keys of the published parameters that the ``loose`` coordinates (p,), left to the prior, leave open."""
+        keys = self.published(slot.options)
+        refined = {r.name for r in self.nonlinear_settings}
+        linear = [key for key in keys if key not in refined]
+        if len(linear) == len(loose):
+            return [key for key, is_open in zip(linear, loose, strict=True) if is_open]
+        return list(keys) if bool(np.any(loose)) else []
+
+    def jacobian(self, x: Array, robot: Robot, slot: Slot) -> Array:
+        """Derivative of the published parameters with respect to the coordinates, (number of parameters, p)."""
+
+        def values(y: Array) -> Array:
+            return np.array(list(self.parameters_of(y, robot, slot).values()))
+
+        return central_difference(values, x, 1e-6 * np.maximum(1.0, np.abs(x)))
+
+    def setting_jacobian(self, x: Array, robot: Robot, slot: Slot) -> Array:
+        """Derivative of the published parameters with respect to the nonlinear ones, (number of parameters, m)."""
+        names = [r.name for r in self.nonlinear_settings]
+
+        def values(s: Array) -> Array:
+            moved = slot.refined(**dict(zip(names, (float(v) for v in s), strict=True)))
+            return np.array(list(self.parameters_of(x, robot, moved).values()))
+
+        at = np.array([float(slot.options[name]) for name in names])
+        return central_difference(values, at, 1e-6 * np.maximum(np.abs(at), 1e-6))
+
+    # -- the inverse --------------------------------------------------------------------------------------------------
+    def change(self, robot: Robot, effect: Effect) -> None:  # noqa: B027 (most effects leave the rigid body alone)
+        """Enter ``robot.model`` (changed in place), where the effect is part of the rigid body."""
+
+    # -- what a study needs -------------------------------------------------------------------------------------------
+    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+        """Random coordinates (p,) up to a positive factor."""
+        if np.all(self.lower_bounds(robot, slot) >= 0):
+            return rng.uniform(0.3, 1.0, self.size_of(slot))
+        direction = rng.normal(size=self.size_of(slot))
+        return np.asarray(direction / np.linalg.norm(direction))
+
+    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
+        """A random place for a hidden effect: nonlinear parameters anywhere between their bounds."""
+        places = self.slots(robot, moving, {"sign_widths": (0.0,)})
+        slot = places[int(rng.integers(len(places)))]
+        values = {}
+        for r in self.nonlinear_settings:
+            u = float(rng.uniform(0.1, 0.9))
+            values[r.name] = float(r.low * (r.high / r.low) ** u) if r.log else r.low + u * (r.high - r.low)
+        return slot.refined(**values) if values else slot
+
+    def parameter_error(
+        self, true: Effect, found: Effect, robot: Robot, motions: Sequence[Motion] = ()
+    ) -> dict[str, float]:
+        """Relative error of every published parameter; those of one unit are measured by the largest of them."""
+        keys = self.published(true.settings)
+        largest: dict[str, float] = {}
+        for key in keys:
+            unit = self.unit(key, true.settings)
+            largest[unit] = max(largest.get(unit, 0.0), abs(true.parameters[key]))
+        return {
+            key: abs(found.parameters[key] - true.parameters[key]) / max(largest[self.unit(key, true.settings)], 1e-300)
+            for key in keys
+        }
+
+
+_REGISTRY: dict[str, Family] = {}
+
+
+def register(cls: type[Family]) -> type[Family]:
+    """Class decorator: put the family into the catalogue under its name."""
+    if cls.name in _REGISTRY:
+        raise ConfigError(f"effect {cls.name!r} is registered twice; give the family its own name")
+    _REGISTRY[cls.name] = cls()
+    return cls
+
+
+def family(name: str) -> Family:
+    """The family of that name; :class:`ConfigError` names those that exist."""
+    try:
+        return _REGISTRY[name]
+    except KeyError:
+        raise ConfigError(f"effect {name!r} is unknown; known are {', '.join(sorted(_REGISTRY))}") from None
+
+
+def catalogue(everything: bool = False) -> tuple[str, ...]:
+    """Names of the families that are sought by default, sorted; with ``everything`` of all registered ones."""
+    return tuple(sorted(name for name, kind in _REGISTRY.items() if everything or kind.searched))

@@ -1,0 +1,53 @@
+"""Coulomb friction of one joint: tau = Fc sign(dq), Fc >= 0.
+
+How the sign turns over at a reversal is a setting, see :mod:`hybrid_dynamics.effects.sign`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.sign import sign_of, travel_of, width_settings
+from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+@register
+class CoulombFriction(Family):
+    name = "coulomb_friction"
+    scope = "joint"
+    parameters = (Parameter("coulomb_torque", "N m"),)
+    turns_sign = True
+    drawn_against = "dq"
+    shown_by = "the joint reverses often and moves at several different speeds"
+    equivalent_to = (
+        Equivalence(
+            ("hysteresis_friction",),
+            "once the joint has moved further than the presliding displacement both are the same",
+            "let the joint reverse within a few hundredths of a radian",
+        ),
+        Equivalence(
+            ("stribeck_friction",),
+            "above a few times the Stribeck velocity both are the same",
+            "move the joint slowly, between 0.02 and 0.2 rad/s",
+        ),
+    )
+
+    def grid(self, options: Mapping[str, Any]) -> list[Settings]:
+        return width_settings(options["sign_widths"])
+
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        return parameters["coulomb_torque"] * sign_of(xp, at.own_dq, settings, at.z)
+
+    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+        return travel_of(settings)
+
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.zeros(1)

@@ -1,0 +1,76 @@
+"""Friction or an offset that changes over the run (warm-up): tau = r T (1 - exp(-t/T)) g.
+
+t is the time since the run began, T the time constant (refined), r the rate at the beginning; setting ``of`` says what
+changes: ``offset`` g = 1, ``coulomb`` g = sign(dq), ``viscous`` g = dq (the rate is then in N m/rad).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.sign import sign_of
+from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+OF, CONSTANT = "of", "time_constant"
+OFFSET, COULOMB, VISCOUS = "offset", "coulomb", "viscous"
+#: Time constant [s] the search starts from: between a short run and a warm-up of minutes.
+_START = 30.0
+
+
+@register
+class Drift(Family):
+    name = "drift"
+    scope = "joint"
+    parameters = (Parameter("rate", "N m/s"), Parameter(CONSTANT, "s"))
+    size = 1
+    searched = False
+    several = True
+    nonlinear_settings = (Refined(CONSTANT, 2.0, 3000.0),)
+    drawn_against = "time"
+    shown_by = "the same motion is repeated from the cold start to the warm joint"
+    equivalent_to = (
+        Equivalence(
+            ("torque_offset",),
+            "over a short run a drift is a constant",
+            "repeat the same motion early and late in one run",
+        ),
+    )
+
+    def grid(self, options: Mapping[str, Any]) -> list[Settings]:
+        return [((OF, of), (CONSTANT, _START)) for of in (OFFSET, COULOMB, VISCOUS)]
+
+    def place(self, slot: Slot) -> tuple[Any, ...]:
+        return (slot.effect, slot.joint, slot.options[OF])
+
+    def unit(self, key: str, settings: Mapping[str, Any]) -> str:
+        return "s" if key == CONSTANT else "N m/rad" if settings.get(OF) == VISCOUS else "N m/s"
+
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        if at.time is None:
+            raise InputError(f"effect {self.name} changes over the run, and no time stamps are given; give time")
+        constant = parameters[CONSTANT]
+        grown = parameters["rate"] * constant * (1.0 - xp.exp(-at.time / constant))
+        what = settings.get(OF)
+        if what == OFFSET:
+            return grown
+        if what == VISCOUS:
+            return grown * at.own_dq
+        if what == COULOMB:
+            return grown * sign_of(xp, at.own_dq, settings, at.z)
+        raise InputError(f"effect {self.name}: setting {OF} is {what!r}; expected {OFFSET}, {COULOMB} or {VISCOUS}")
+
+    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+        return np.array([1.0 if slot.options[OF] != OFFSET else rng.choice([-1.0, 1.0])])
+
+    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
+        slot = super().draw_slot(robot, moving, rng)
+        return slot.refined(**{CONSTANT: float(np.exp(rng.uniform(np.log(5.0), np.log(60.0))))})

@@ -1,0 +1,85 @@
+"""Something pushes against the arm during part of a run: a constant torque of one joint within time intervals.
+
+Setting ``intervals``: pairs (start, end) [s since the run began]. What happened in one run says nothing about another:
+the loop gives such an effect the run it belongs to (``only_run``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label, uniform_filter1d
+
+from hybrid_dynamics.effects.base import ONLY_RUN, Family, Slot, register
+from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, State
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+INTERVALS = "intervals"
+#: A contact lasts at least this long [s], covers at most this share of a run, and stands out by so many deviations.
+_SHORTEST, _LARGEST_SHARE, _PROMINENCE = 0.3, 0.5, 5.0
+
+
+@register
+class ExternalContact(Family):
+    name = "external_contact"
+    scope = "joint"
+    parameters = (Parameter("torque", "N m"),)
+    searched = False
+    several = True
+    drawn_against = "time"
+    shown_by = "the same motion is repeated without contact"
+    equivalent_to = (
+        Equivalence(
+            ("torque_offset",), "a push that lasts the whole run is an offset", "repeat the run without contact"
+        ),
+    )
+
+    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+        return []  # intervals come from the data, see propose
+
+    def propose(
+        self, names: Sequence[str], motions: Sequence[Motion], residuals: Sequence[Array], moving: NDArray[np.bool_]
+    ) -> list[Slot]:
+        """Intervals in which what is left of a joint's torque stays on one side, far beyond its usual size."""
+        out = []
+        for name, motion, left in zip(names, motions, residuals, strict=True):
+            dt = float(np.median(np.diff(motion.time)))
+            window = max(round(0.1 / dt), 1)
+            for j in range(left.shape[1]):
+                smooth = uniform_filter1d(left[:, j] - np.median(left[:, j]), window)
+                size = 1.4826 * float(np.median(np.abs(smooth)))
+                for side in (1.0, -1.0):
+                    parts, count = label(side * smooth > _PROMINENCE * size)
+                    for k in range(1, count + 1):
+                        rows = np.flatnonzero(parts == k)
+                        lasts = len(rows) * dt
+                        if size > 0 and _SHORTEST <= lasts <= _LARGEST_SHARE * len(left) * dt:
+                            times = (motion.time[rows[[0, -1]]] - motion.time[0]).round(4).tolist()
+                            out.append(self.at(j, (tuple(times),), name))
+        return out
+
+    def at(self, joint: int, intervals: tuple[tuple[float, ...], ...], run: str | None = None) -> Slot:
+        """The slot of a push on ``joint`` during ``intervals`` of ``run``."""
+        own = {} if run is None else {ONLY_RUN: run}
+        return Slot(self.name, joint, tuple(sorted({INTERVALS: intervals, **own}.items())))
+
+    def place(self, slot: Slot) -> tuple[Any, ...]:
+        return (slot.effect, slot.joint, slot.options[INTERVALS], slot.options.get(ONLY_RUN))
+
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        if at.time is None:
+            raise InputError(f"effect {self.name} acts in parts of a run, and no time stamps are given; give time")
+        inside: Any = 0.0
+        for start, end in settings[INTERVALS]:
+            inside = inside + xp.where(at.time >= start, 1.0, 0.0) * xp.where(at.time <= end, 1.0, 0.0)
+        return parameters["torque"] * inside
+
+    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
+        start = float(rng.uniform(2.0, 4.0))
+        return self.at(int(rng.choice(np.flatnonzero(moving))), ((start, start + float(rng.uniform(1.0, 3.0))),))

@@ -1,0 +1,100 @@
+"""The base is not level: R_base = Ry(pitch) Rx(roll), so gravity in the base frame is R_base^T (0, 0, -g).
+
+Any angle: roll in (-pi, pi], pitch in [-pi/2, pi/2] reach every direction. Torque is linear in the gravity vector, so
+the coordinates are its change (3,) [m/s^2] in the base frame, exact for a base on the wall or the ceiling too; that its
+length stays g is :meth:`GravityTilt.settle`. The published angles are those of the base against the level, whatever the
+model held before: two tilts, one found after the other, are one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+def base_rotation(roll: float, pitch: float) -> Array:
+    """Ry(pitch) Rx(roll)."""
+    cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+    return np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]]) @ np.array(
+        [[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]]
+    )
+
+
+def base_angles(gravity: Array) -> tuple[float, float]:
+    """Roll and pitch of the base in which gravity (3,) points along ``gravity``; inverse of :func:`tilted_gravity`."""
+    size = max(float(np.linalg.norm(gravity)), 1e-300)
+    x, y, z = np.asarray(gravity) / size
+    return float(np.arctan2(-y, -z)), float(np.arcsin(np.clip(x, -1.0, 1.0)))
+
+
+def tilted_gravity(roll: float, pitch: float, size: float) -> Array:
+    """Gravity (3,) [m/s^2] of ``size`` in the frame of a tilted base."""
+    return np.asarray(base_rotation(roll, pitch).T @ np.array([0.0, 0.0, -size]))
+
+
+@register
+class GravityTilt(Family):
+    name = "gravity_tilt"
+    scope = "robot"
+    parameters = (Parameter("roll", "rad"), Parameter("pitch", "rad"))
+    size = 3
+    changes_body = True
+    drawn_against = "q"
+    shown_by = "the first joint carries the stretched arm slowly all the way round"
+    equivalent_to = (
+        Equivalence(
+            ("position_offset",),
+            "about an axis that is parallel to a joint's a wrong zero turns the arm as a tilted base does",
+            "turn the joints before it: the tilt's torque changes with them",
+        ),
+    )
+
+    def columns(self, motion: Motion, slot: Slot) -> Array:
+        still = np.zeros_like(motion.q)
+        robot = motion.robot.copy()
+        out = np.empty((*motion.q.shape, 3))
+        for k in range(3):
+            robot.model.gravity.linear = np.eye(3)[k]
+            out[:, :, k] = robot.inverse_dynamics(motion.q, still, still)
+        return out
+
+    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.full(3, 5.0)
+
+    def settle(self, x: Array, robot: Robot, slot: Slot) -> Array:
+        own = np.asarray(robot.model.gravity.linear)
+        turned = own + x
+        return np.asarray(turned * np.linalg.norm(own) / max(float(np.linalg.norm(turned)), 1e-12) - own)
+
+    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+        roll, pitch = base_angles(np.asarray(robot.model.gravity.linear) + x)
+        return {"roll": roll, "pitch": pitch}
+
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+        own = np.asarray(robot.model.gravity.linear)
+        return tilted_gravity(parameters["roll"], parameters["pitch"], float(np.linalg.norm(own))) - own
+
+    def change(self, robot: Robot, effect: Effect) -> None:
+        size = float(np.linalg.norm(robot.model.gravity.linear))
+        robot.model.gravity.linear = tilted_gravity(effect.parameters["roll"], effect.parameters["pitch"], size)
+
+    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+        angle = float(rng.uniform(0, 2 * np.pi))
+        return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+    def parameter_error(
+        self, true: Effect, found: Effect, robot: Robot, motions: Sequence[Motion] = ()
+    ) -> dict[str, float]:
+        """Angle between the two directions of gravity, relative to the angle between the true one and the model's."""
+        own = np.asarray(robot.model.gravity.linear)
+        slot = true.slot(robot)
+        a, b = (own + self.coordinates_of(e.parameters, robot, slot) for e in (true, found))
+        return {"tilt": float(np.linalg.norm(a - b) / max(float(np.linalg.norm(a - own)), 1e-300))}

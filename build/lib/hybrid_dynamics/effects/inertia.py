@@ -1,0 +1,114 @@
+"""Inertial parameters of one body: dynamic parameters, mass/centre/inertia, pseudo-inertia.
+
+Dynamic parameters (10,): mass, first moments x y z, inertia about the frame's origin xx xy yy xz yz zz (Pinocchio's
+order). The pseudo-inertia (4, 4) is positive definite exactly for bodies that can exist (Wensing, Kim and Slotine,
+RA-L 2018, eq. 9).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Effect, Family
+from hybrid_dynamics.effects.state import Motion, Parameter
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+INERTIA_ENTRIES = ("xx", "xy", "yy", "xz", "yz", "zz")
+BODY_PARAMETERS = (
+    Parameter("mass", "kg"),
+    Parameter("com_x", "m"),
+    Parameter("com_y", "m"),
+    Parameter("com_z", "m"),
+    *(Parameter(f"inertia_{e}", "kg m^2") for e in INERTIA_ENTRIES),
+)
+#: Where data leaves a direction open, it is held near zero on these scales (kg, kg m, kg m^2).
+BODY_SCALE = np.array([5.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3])
+
+
+def _skew(c: Array) -> Array:
+    return np.array([[0.0, -c[2], c[1]], [c[2], 0.0, -c[0]], [-c[1], c[0], 0.0]])
+
+
+def _symmetric(entries: Array) -> Array:
+    xx, xy, yy, xz, yz, zz = entries
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _entries(matrix: Array) -> Array:
+    return np.array([matrix[0, 0], matrix[0, 1], matrix[1, 1], matrix[0, 2], matrix[1, 2], matrix[2, 2]])
+
+
+def to_body(dynamic: Array) -> dict[str, float]:
+    """Mass, centre of mass and inertia about it, by the parallel-axis theorem."""
+    mass = float(dynamic[0])
+    safe = mass if abs(mass) > 1e-9 else 1e-9
+    com = dynamic[1:4] / safe
+    skew = _skew(com)
+    inertia = _entries(_symmetric(dynamic[4:]) + safe * skew @ skew)
+    values = [mass, *com, *inertia]
+    return {p.name: float(v) for p, v in zip(BODY_PARAMETERS, values, strict=True)}
+
+
+def to_dynamic(body: Mapping[str, float]) -> Array:
+    """Inverse of :func:`to_body`."""
+    mass = body["mass"]
+    com = np.array([body["com_x"], body["com_y"], body["com_z"]])
+    skew = _skew(com)
+    inertia = _symmetric(np.array([body[f"inertia_{e}"] for e in INERTIA_ENTRIES])) - mass * skew @ skew
+    return np.array([mass, *(mass * com), *_entries(inertia)])
+
+
+def pseudo_inertia_basis() -> Array:
+    """(10, 4, 4): the pseudo-inertia is the sum of dynamic parameters times these."""
+    basis = np.zeros((10, 4, 4))
+    basis[0, 3, 3] = 1.0
+    for axis in range(3):
+        basis[1 + axis, axis, 3] = basis[1 + axis, 3, axis] = 1.0
+    for k in range(6):
+        inertia = _symmetric(np.eye(6)[k])
+        basis[4 + k, :3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return basis
+
+
+def pseudo_inertia(dynamic: Array) -> Array:
+    """Pseudo-inertia (4, 4) of dynamic parameters (10,)."""
+    return np.einsum("k,kij->ij", dynamic, pseudo_inertia_basis())
+
+
+def is_physical(dynamic: Array) -> bool:
+    """True where a body with these parameters can exist."""
+    return bool(np.linalg.eigvalsh(pseudo_inertia(dynamic))[0] > 0)
+
+
+def link_parameters(robot: Robot, link: int) -> Array:
+    """Dynamic parameters (10,) of the body that joint ``link`` (0-based) moves."""
+    return np.asarray(robot.model.inertias[robot.joint_ids[link]].toDynamicParameters())
+
+
+def random_block(rng: np.random.Generator) -> Array:
+    """Dynamic parameters (10,) of a solid block of 1 kg within a hand's breadth, which any body may carry."""
+    edge = rng.uniform(0.05, 0.2, 3)
+    body = {"mass": 1.0, **dict(zip(("com_x", "com_y", "com_z"), rng.uniform(-0.12, 0.12, 3).tolist(), strict=True))}
+    principal = (np.sum(edge**2) - edge**2) / 12
+    body |= {f"inertia_{e}": float(v) for e, v in zip(INERTIA_ENTRIES, _entries(np.diag(principal)), strict=True)}
+    return to_dynamic(body)
+
+
+def torque_error(kind: Family, true: Effect, found: Effect, robot: Robot, motions: Sequence[Motion]) -> float:
+    """Relative error of the torque that a change of inertia adds on ``motions``.
+
+    Single inertial parameters of a link are not determined by torque, only base parameters are.
+    """
+    change = kind.coordinates_of(true.parameters, robot, true.slot(robot))
+    difference = kind.coordinates_of(found.parameters, robot, found.slot(robot)) - change
+    wrong = added = 0.0
+    for motion in motions:
+        columns = kind.columns(motion, true.slot(robot))
+        wrong += float(np.sum((columns @ difference) ** 2))
+        added += float(np.sum((columns @ change) ** 2))
+    return float(np.sqrt(wrong / added)) if added > 0 else float("nan")

@@ -1,0 +1,143 @@
+"""The inertial parameters of all links differ from the model's and are identified together.
+
+Coordinates are the differences (10 a link) to the robot's own; each link stays a body that can exist. The published
+values are the new ones of every link, keyed ``"joint/mass"``, ...; setting ``links``: the joints that move the links
+concerned. Only the base parameters among them are determined by data, the rest stays near the robot's own values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, link_parameters, to_body, to_dynamic, torque_error
+from hybrid_dynamics.effects.keys import joint_number, split_key
+from hybrid_dynamics.effects.state import Equivalence, Motion
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+#: Names of the joints whose links are identified.
+LINKS = "links"
+_NAMES = tuple(p.name for p in BODY_PARAMETERS)
+
+
+def body_scale(own: Array) -> Array:
+    """Plausible change (10,) of a link with dynamic parameters ``own`` (10,): half its mass, shifted by its own size.
+
+    Links without inertia in the URDF are taken as 0.5 kg within 5 cm.
+    """
+    mass = max(float(own[0]), 0.5)
+    inertia = max(float(own[4] + own[6] + own[9]) / 2, 0.0)
+    reach = max(float(np.sqrt(inertia / mass)), 0.05)
+    return np.array([0.5 * mass, *[0.5 * mass * reach] * 3, *[0.5 * mass * reach**2] * 6])
+
+
+@register
+class InertialParameters(Family):
+    name = "inertial_parameters"
+    scope = "robot"
+    parameters = BODY_PARAMETERS
+    size = 10
+    is_body = True
+    contains = ("link_inertia", "link_mass", "link_com")
+    changes_body = True
+    searched = False
+    drawn_against = "time"
+    shown_by = "all joints move together through many postures and accelerate hard in them"
+    equivalent_to = (
+        Equivalence(
+            ("payload",),
+            "a body on the last link is part of the last link's parameters",
+            "no motion can tell; a run with the tool removed would",
+            always=True,
+        ),
+        Equivalence(
+            ("link_inertia",),
+            "the parameters of one link are part of all links' parameters",
+            "the simpler one is named where it predicts as well",
+            always=True,
+        ),
+    )
+
+    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+        links = tuple(name for k, name in enumerate(robot.joint_names) if moving[: k + 1].any())
+        return [Slot(self.name, None, ((LINKS, links),))] if links else []
+
+    def size_of(self, slot: Slot) -> int:
+        return 10 * len(slot.options[LINKS])
+
+    def columns(self, motion: Motion, slot: Slot) -> Array:
+        return np.concatenate(
+            [motion.regressor[:, :, 10 * k : 10 * k + 10] for k in self._links(motion.robot, slot)], axis=2
+        )
+
+    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        if robot is None or slot is None:
+            raise InputError(f"effect {self.name}: its prior follows the robot's own links; give robot and slot")
+        return np.concatenate([body_scale(link_parameters(robot, k)) for k in self._links(robot, slot)])
+
+    def inertial_bodies(self, robot: Robot, slot: Slot) -> list[tuple[int, Array]]:
+        return [(10 * i, link_parameters(robot, k)) for i, k in enumerate(self._links(robot, slot))]
+
+    def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
+        if not settings.get(LINKS):
+            raise InputError(f"effect {self.name}: setting {LINKS} is missing; expected the joints of its links")
+        return tuple(f"{joint}/{name}" for joint in settings[LINKS] for name in _NAMES)
+
+    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+        out: dict[str, float] = {}
+        for i, k in enumerate(self._links(robot, slot)):
+            body = to_body(link_parameters(robot, k) + x[10 * i : 10 * i + 10])
+            out |= {f"{robot.joint_names[k]}/{name}": body[name] for name in _NAMES}
+        return out
+
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+        bodies = _bodies(parameters)
+        return np.concatenate(
+            [to_dynamic(bodies[robot.joint_names[k]]) - link_parameters(robot, k) for k in self._links(robot, slot)]
+        )
+
+    def jacobian(self, x: Array, robot: Robot, slot: Slot) -> Array:
+        out = np.zeros((len(x), len(x)))
+        for i, k in enumerate(self._links(robot, slot)):
+            own = slice(10 * i, 10 * i + 10)
+            single = Slot(self.name, None, ((LINKS, (robot.joint_names[k],)),))
+            out[own, own] = super().jacobian(x[own], robot, single)
+        return out
+
+    def change(self, robot: Robot, effect: Effect) -> None:
+        for joint, body in _bodies(effect.parameters).items():
+            number = robot.joint_ids[joint_number(robot, joint, f"effect {self.name}")]
+            robot.model.inertias[number] = pin.Inertia.FromDynamicParameters(to_dynamic(body))
+
+    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+        # Every link heavier or lighter as a whole, and its centre of mass elsewhere: physical for small sizes.
+        parts = []
+        for k in self._links(robot, slot):
+            own = link_parameters(robot, k)
+            parts.append(own * rng.uniform(-0.3, 0.3))
+        return np.concatenate(parts)
+
+    def parameter_error(
+        self, true: Effect, found: Effect, robot: Robot, motions: Sequence[Motion] = ()
+    ) -> dict[str, float]:
+        return {"torque": torque_error(self, true, found, robot, motions)}
+
+    def _links(self, robot: Robot, slot: Slot) -> list[int]:
+        return [joint_number(robot, name, f"effect {self.name}") for name in slot.options[LINKS]]
+
+
+def _bodies(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Body parameters by joint name, from keys ``"joint/name"``."""
+    out: dict[str, dict[str, float]] = {}
+    for key, value in parameters.items():
+        joint, name = split_key(key)
+        out.setdefault(str(joint), {})[name] = float(value)
+    return out

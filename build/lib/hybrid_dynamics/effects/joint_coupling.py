@@ -1,0 +1,102 @@
+"""Torque of one joint that follows another: tau_j = c dq_k + d sign(s) + e ddq_k, k = setting ``from_joint``.
+
+Setting ``sign_of``: s is ``partner`` dq_k, ``sum`` dq_j + dq_k or ``difference`` dq_j - dq_k. Setting ``rows``:
+``own``, the torque acts on joint j alone; ``both``, a gear couples the two and the same law stands in both rows with
+the roles exchanged (a motor that sees the sum of two joint speeds has its friction and its rotor's inertia in both).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import FROM_JOINT, Family, Slot, register
+from hybrid_dynamics.effects.sign import WIDTH, sign_of
+from hybrid_dynamics.effects.state import Equivalence, Parameter, State
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+ROWS, SIGN_OF = "rows", "sign_of"
+OWN, BOTH = "own", "both"
+PARTNER, SUM, DIFFERENCE = "partner", "sum", "difference"
+#: Joints further apart than this share no gear or belt.
+_REACH = 2
+
+
+@register
+class JointCoupling(Family):
+    name = "joint_coupling"
+    scope = "joint"
+    parameters = (
+        Parameter("viscous_coefficient", "N m s/rad"),
+        Parameter("coulomb_torque", "N m"),
+        Parameter("armature", "kg m^2"),
+    )
+    size = 3
+    searched = False
+    several = True
+    drawn_against = "dq"
+    shown_by = "the joint rests while its partner moves, and the other way round"
+    equivalent_to = (
+        Equivalence(
+            ("viscous_friction", "coulomb_friction", "armature"),
+            "where both joints always move together nothing tells whose motion the torque follows",
+            "let each of the two joints rest while the other moves",
+        ),
+    )
+
+    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+        """Both rows of neighbours, and every joint's own row from those nearby."""
+        out = []
+        joints = [int(j) for j in np.flatnonzero(moving)]
+        for j in joints:
+            for k in joints:
+                if k == j + 1:
+                    out += [self.at(robot, j, k, BOTH, SUM), self.at(robot, j, k, BOTH, DIFFERENCE)]
+                if k != j and abs(k - j) <= _REACH:
+                    out.append(self.at(robot, j, k, OWN, PARTNER))
+        return out
+
+    def at(self, robot: Robot, joint: int, partner: int, rows: str, sign: str, width: float = 0.0) -> Slot:
+        """The slot of ``joint`` and ``partner`` (0-based)."""
+        settings: dict[str, Any] = {FROM_JOINT: robot.joint_names[partner], ROWS: rows, SIGN_OF: sign}
+        if width > 0:
+            settings[WIDTH] = width
+        return Slot(self.name, joint, tuple(sorted(settings.items())))
+
+    def place(self, slot: Slot) -> tuple[Any, ...]:
+        return (slot.effect, slot.joint, slot.options[FROM_JOINT])
+
+    def rows(self, robot: Robot, slot: Slot) -> list[tuple[int, int | None]]:
+        partner = self.partner(robot, slot.options)
+        own = [(slot.index, partner)]
+        return [*own, (int(partner or 0), slot.index)] if slot.options.get(ROWS) == BOTH else own
+
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        speed, acceleration = at.dq[at.partner], at.partner_ddq
+        which = settings.get(SIGN_OF, PARTNER)
+        if which not in (PARTNER, SUM, DIFFERENCE):
+            raise InputError(f"effect {self.name}: {SIGN_OF} is {which!r}; expected {PARTNER}, {SUM} or {DIFFERENCE}")
+        turning = speed if which == PARTNER else at.own_dq + speed if which == SUM else at.own_dq - speed
+        return (
+            parameters["viscous_coefficient"] * speed
+            + parameters["coulomb_torque"] * sign_of(xp, turning, settings)
+            + parameters["armature"] * acceleration
+        )
+
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        shared = slot is not None and slot.options.get(ROWS) == BOTH and slot.options.get(SIGN_OF) != PARTNER
+        # Friction of a motor that sees both speeds opposes their sum; what one joint does to another may have any sign.
+        return np.array([-np.inf, 0.0 if shared else -np.inf, -np.inf])
+
+    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
+        j = int(rng.integers(0, robot.n_joints - 1))
+        return self.at(robot, j, j + 1, BOTH, SUM) if rng.random() < 0.5 else self.at(robot, j, j + 1, OWN, PARTNER)
+
+    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+        return np.array([rng.uniform(0.3, 1.0), rng.uniform(0.3, 1.0), 0.0])

@@ -1,0 +1,86 @@
+"""The centre of mass of one link lies elsewhere; its mass and its inertia about the centre of mass stay.
+
+Such a body can always exist. Coordinates: the change of the first moment (3,) [kg m]; the inertia about the joint frame
+follows by the parallel-axis theorem, so the torque is linear only for small shifts. Published: the new centre of mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.inertia import link_parameters, to_body, to_dynamic
+from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+_AXES = ("com_x", "com_y", "com_z")
+
+
+def _shifted(own: Array, com: Array) -> Array:
+    """Dynamic parameters of the body ``own`` with its centre of mass at ``com`` (3,) [m]."""
+    return to_dynamic({**to_body(own), **dict(zip(_AXES, com.tolist(), strict=True))})
+
+
+@register
+class LinkCom(Family):
+    name = "link_com"
+    scope = "link"
+    parameters = tuple(Parameter(axis, "m") for axis in _AXES)
+    size = 3
+    nonlinear = True
+    changes_body = True
+    searched = False
+    drawn_against = "time"
+    shown_by = "the joints before that link hold it at rest in many orientations"
+    equivalent_to = (
+        Equivalence(
+            ("link_inertia",),
+            "the first moment is part of the link's inertial parameters",
+            "the simpler one is named where it predicts as well",
+            always=True,
+        ),
+        Equivalence(
+            ("joint_spring",),
+            "the first moment of the first link that gravity loads makes a torque of sine and cosine of its position",
+            "accelerate the joint hard, or turn the joints before it",
+        ),
+    )
+
+    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+        return [
+            Slot(self.name, j)
+            for j in range(robot.n_joints)
+            if moving[: j + 1].any() and link_parameters(robot, j)[0] > 0
+        ]
+
+    def columns(self, motion: Motion, slot: Slot) -> Array:
+        own = link_parameters(motion.robot, slot.index)
+        mass, com = float(own[0]), own[1:4] / own[0]
+        # Quadratic in the shift, so the central difference is the derivative.
+        slopes = [(_shifted(own, com + e) - _shifted(own, com - e)) / (2 * mass) for e in np.eye(3)]
+        first = 10 * slot.index
+        return motion.regressor[:, :, first : first + 10] @ np.column_stack(slopes)
+
+    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.ones(3)
+
+    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+        own = link_parameters(robot, slot.index)
+        return dict(zip(_AXES, ((own[1:4] + x) / own[0]).tolist(), strict=True))
+
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+        own = link_parameters(robot, slot.index)
+        return np.array([parameters[axis] for axis in _AXES]) * own[0] - own[1:4]
+
+    def change(self, robot: Robot, effect: Effect) -> None:
+        link = effect.joint_index(robot) or 0
+        com = np.array([effect.parameters[axis] for axis in _AXES])
+        moved = _shifted(link_parameters(robot, link), com)
+        robot.model.inertias[robot.joint_ids[link]] = pin.Inertia.FromDynamicParameters(moved)

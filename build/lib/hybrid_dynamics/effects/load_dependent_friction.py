@@ -1,0 +1,50 @@
+"""Friction that grows with what the joint carries: tau = mu |tau_load| sign(dq), mu >= 0.
+
+``tau_load`` is the rigid-body torque of the joint as the model has it, payload and all; never the measured torque,
+which would explain itself. How the sign turns over is a setting, as for Coulomb friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.sign import sign_of, travel_of, width_settings
+from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+@register
+class LoadDependentFriction(Family):
+    name = "load_dependent_friction"
+    scope = "joint"
+    parameters = (Parameter("load_coefficient", "1"),)
+    uses_load = True
+    turns_sign = True
+    drawn_against = "load"
+    shown_by = "the joint reverses often under very different loads"
+    equivalent_to = (
+        Equivalence(
+            ("coulomb_friction",),
+            "under a load that hardly changes the friction is constant",
+            "reverse the joint in postures of very different load",
+        ),
+    )
+
+    def grid(self, options: Mapping[str, Any]) -> list[Settings]:
+        return width_settings(options["sign_widths"])
+
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        return parameters["load_coefficient"] * xp.abs(at.own_load) * sign_of(xp, at.own_dq, settings, at.z)
+
+    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+        return travel_of(settings)
+
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.zeros(1)

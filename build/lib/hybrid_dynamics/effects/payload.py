@@ -1,0 +1,64 @@
+"""A rigid body on the last moving link. Same columns as that link's inertial parameters, so it takes their name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, BODY_SCALE, random_block, to_body, to_dynamic, torque_error
+from hybrid_dynamics.effects.state import Equivalence, Motion
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+@register
+class Payload(Family):
+    name = "payload"
+    scope = "robot"
+    parameters = BODY_PARAMETERS
+    size = 10
+    is_body = True
+    changes_body = True
+    drawn_against = "time"
+    shown_by = "the wrist turns through many orientations at rest and then accelerates in each of them"
+    equivalent_to = (
+        Equivalence(
+            ("link_inertia",),
+            "a body on the last link changes that link's inertial parameters",
+            "no motion can tell; a run with the tool removed would",
+            always=True,
+        ),
+    )
+
+    def columns(self, motion: Motion, slot: Slot) -> Array:
+        return motion.regressor[:, :, -10:]
+
+    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return BODY_SCALE
+
+    def inertial_bodies(self, robot: Robot, slot: Slot) -> list[tuple[int, Array]]:
+        return [(0, np.zeros(10))]
+
+    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+        return to_body(x)
+
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+        return to_dynamic(parameters)
+
+    def change(self, robot: Robot, effect: Effect) -> None:
+        joint = robot.joint_ids[-1]
+        total = robot.model.inertias[joint].toDynamicParameters() + to_dynamic(effect.parameters)
+        robot.model.inertias[joint] = pin.Inertia.FromDynamicParameters(total)
+
+    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+        return random_block(rng)
+
+    def parameter_error(
+        self, true: Effect, found: Effect, robot: Robot, motions: Sequence[Motion] = ()
+    ) -> dict[str, float]:
+        return {"torque": torque_error(self, true, found, robot, motions)}

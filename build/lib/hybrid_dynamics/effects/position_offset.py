@@ -1,0 +1,60 @@
+"""The encoder's zero is wrong: q_true = q_read + offset, so the whole model moves along.
+
+The columns are the derivative of the rigid-body torque with respect to the joint's position, on all joints.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-4  # rad: the difference is exact to 1e-8 of the torque, far above rounding
+
+
+@register
+class PositionOffset(Family):
+    name = "position_offset"
+    scope = "joint"
+    parameters = (Parameter("offset", "rad"),)
+    searched = False
+    nonlinear = True
+    changes_reading = True
+    drawn_against = "q"
+    shown_by = (
+        "the joint carries a load at rest in positions all over its range, the joints after it stretched and folded"
+    )
+    equivalent_to = (
+        Equivalence(
+            ("torque_offset",),
+            "near one posture a wrong zero changes the gravity torque by a constant",
+            "move the joint over a wide range of positions",
+        ),
+        Equivalence(
+            ("gravity_tilt",),
+            "a wrong zero turns the arm about the joint's axis, as a tilted base does about an axis parallel to it",
+            "turn the joints before it: the tilt's torque changes with them",
+        ),
+        Equivalence(
+            ("link_com",),
+            "both turn the first moment of what the joint carries",
+            "move the joints after it: a wrong zero turns all of them together",
+        ),
+    )
+
+    def columns(self, motion: Motion, slot: Slot) -> Array:
+        shift = np.zeros(motion.robot.n_joints)
+        shift[slot.index] = _STEP
+        up, down = (motion.robot.inverse_dynamics(motion.q + s * shift, motion.dq, motion.ddq) for s in (1, -1))
+        out: Array = ((up - down) / (2 * _STEP))[:, :, None]
+        # Rounding where nothing depends on the position (the first joint of a level base) is no column.
+        out[:, np.abs(out).max(axis=(0, 2)) < 1e-6] = 0.0
+        return out
+
+    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.full(1, 0.5)

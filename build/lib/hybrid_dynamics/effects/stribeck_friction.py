@@ -1,0 +1,72 @@
+"""Stribeck friction: tau = (Fc + (Fs - Fc) exp(-(dq/vs)^2)) sign(dq), Fs >= Fc >= 0.
+
+Coordinates (Fc, Fs - Fc); the Stribeck velocity vs is refined. A vs inside the stick band cannot be told from Coulomb
+friction: rows slower than the band have no say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.sign import sign_of
+from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+VELOCITY = "stribeck_velocity"
+#: Velocities [rad/s] the search starts from.
+_GRID = (0.03, 0.1, 0.3)
+
+
+@register
+class StribeckFriction(Family):
+    name = "stribeck_friction"
+    scope = "joint"
+    parameters = (Parameter("coulomb_torque", "N m"), Parameter("static_torque", "N m"), Parameter(VELOCITY, "rad/s"))
+    size = 2
+    searched = False
+    nonlinear_settings = (Refined(VELOCITY, 0.01, 1.0),)
+    turns_sign = True
+    contains = ("coulomb_friction",)
+    drawn_against = "dq"
+    shown_by = "the joint moves slowly, between 0.02 and 0.2 rad/s, as well as fast"
+    equivalent_to = (
+        Equivalence(
+            ("coulomb_friction",),
+            "above a few times the Stribeck velocity both are the same",
+            "move the joint slowly, between 0.02 and 0.2 rad/s",
+        ),
+        Equivalence(
+            ("coulomb_friction", "nonlinear_viscous_friction"),
+            "over a narrow range of speeds both bend the friction curve",
+            "move the joint slowly, between 0.02 and 0.2 rad/s, and at its fastest",
+        ),
+    )
+
+    def grid(self, options: Mapping[str, Any]) -> list[Settings]:
+        return [((VELOCITY, v),) for v in _GRID]
+
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        dq = at.own_dq
+        ratio = dq / parameters[VELOCITY]
+        extra = parameters["static_torque"] - parameters["coulomb_torque"]
+        return (parameters["coulomb_torque"] + extra * xp.exp(-ratio * ratio)) * sign_of(xp, dq, settings, at.z)
+
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.zeros(2)
+
+    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+        return {
+            "coulomb_torque": float(x[0]),
+            "static_torque": float(x[0] + x[1]),
+            VELOCITY: float(slot.options[VELOCITY]),
+        }
+
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+        return np.array([parameters["coulomb_torque"], parameters["static_torque"] - parameters["coulomb_torque"]])

@@ -1,0 +1,69 @@
+"""The torque is recorded too large or too small: recorded = k times what the rest of the model says.
+
+tau = (k - 1) (torque of the final model without the gain), so that the order of naming does not matter. On one joint,
+or one gain for all joints together (no joint is named; it counts once).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+@register
+class TorqueGain(Family):
+    name = "torque_gain"
+    scope = "joint"
+    shared = True
+    parameters = (Parameter("gain", "1"),)
+    searched = False
+    nonlinear = True
+    uses_torque = True
+    changes_reading = True
+    drawn_against = "load"
+    shown_by = "the joint carries very different loads at rest, in both directions, and the joints before it too"
+    equivalent_to = (
+        Equivalence(
+            ("link_inertia",),
+            "heavier links make every torque of their joint larger, as a gain does",
+            "compare the joints before it: a heavier link loads them too, a gain does not",
+        ),
+        Equivalence(
+            ("payload",),
+            "a payload makes the gravity torques of all joints larger",
+            "accelerate the wrist: a payload resists by its own inertia, not in proportion to the torque",
+        ),
+    )
+
+    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+        several = [Slot(self.name, None)] if int(moving.sum()) > 1 else []
+        return [*several, *(Slot(self.name, j) for j in range(robot.n_joints) if moving[j])]
+
+    def columns(self, motion: Motion, slot: Slot) -> Array:
+        if slot.joint is None:
+            return motion.torque[:, :, None]
+        return motion.torque[:, [slot.joint]]
+
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.array([-0.95])
+
+    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.ones(1)
+
+    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+        return {"gain": 1.0 + float(x[0])}
+
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+        return np.array([parameters["gain"] - 1.0])
+
+    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+        return np.ones(1)

@@ -1,0 +1,38 @@
+"""Viscous friction of one joint: tau = Fv dq, Fv >= 0."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.state import Equivalence, Parameter, State
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+@register
+class ViscousFriction(Family):
+    name = "viscous_friction"
+    scope = "joint"
+    parameters = (Parameter("viscous_coefficient", "N m s/rad"),)
+    viscous_powers = (1,)
+    drawn_against = "dq"
+    shown_by = "the joint moves at several different speeds in both directions"
+    equivalent_to = (
+        Equivalence(
+            ("time_delay",),
+            "torque read late against a motion with inertia looks like a torque that follows the speed",
+            "let the joint move at constant speeds: a delay then changes nothing",
+        ),
+    )
+
+    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        return parameters["viscous_coefficient"] * at.own_dq
+
+    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+        return np.zeros(1)

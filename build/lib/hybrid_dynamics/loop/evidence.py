@@ -1,0 +1,373 @@
+"""The data of one loop reduced to what selection needs: Gram matrices per joint and block of time.
+
+For every joint the smoothed columns of all candidate slots, and the torque that the starting model leaves, become one
+Gram matrix per block. Fits, held-out errors and block-wise uncertainty of any combination of slots follow from sums of
+these, so a candidate costs about a millisecond, whatever the length of the logs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Effect, Motion, Slot
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.physics import physical_constraints
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
+
+Array = NDArray[np.float64]
+
+
+Indices = NDArray[np.int_]
+
+#: Setting of a slot that acts in one run only (an effect fitted run by run).
+ONLY_RUN = "only_run"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the coordinates of a combination of slots stand: ``positions[slot]`` in x, size ``total``."""
+
+    slots: tuple[Slot, ...]
+    starts: tuple[int, ...]
+    total: int
+
+
+class Evidence:
+    """Gram matrices of the training runs for a list of slots, with respect to a starting model."""
+
+    def __init__(self, base: Model, runs: Sequence[Run], slots: Sequence[Slot], settings: LoopSettings) -> None:
+        self.base, self.runs, self.settings = base, list(runs), settings
+        #: Rows that count, per run (K, n): where the joint moves and nothing disturbs it.
+        self.mask = [run.mask.copy() for run in self.runs]
+        self.robot = base.completed_robot
+        self.n = self.robot.n_joints
+        self.slots: list[Slot] = []
+        self.weights = np.ones(self.n)
+        self._columns: dict[Slot, list[slice | None]] = {}
+        self._rows: list[list[Array]] = [[np.empty((len(r.time), 0)) for _ in range(self.n)] for r in self.runs]
+        self.base_target = [run.tau - run.smooth(self.predict_fine(base, run)) for run in self.runs]
+        #: True where effects of the starting model follow the load, and so every change of the rigid body.
+        self.base_follows_load = any(e.slot(base.robot).family().uses_load for e in base.effects)
+        self._base_places: dict[Slot, Array] = {}
+        for effect in base.effects:
+            slot = effect.slot(base.robot)
+            if slot.family().scope == "joint":
+                own = slot.family().coordinates_of(effect.parameters, base.robot, slot)
+                self._base_places[slot] = self._base_places.get(slot, np.zeros(len(own))) + own
+        #: Fastest speed of every joint in the runs (n,) [rad/s].
+        self.fastest = np.max([np.abs(run.dq).max(axis=0) for run in self.runs], axis=0)
+        self.target = [t.copy() for t in self.base_target]
+        self._make_blocks()
+        self.add_slots(slots)
+
+    @staticmethod
+    def predict_fine(model: Model, run: Run) -> Array:
+        """Prediction at the states of the run, not yet smoothed (M, n)."""
+        m = run.motion
+        return model.predict(m.q, m.dq, m.ddq, m.time)
+
+    # -- building ---------------------------------------------------------------------------------------------------
+    def _make_blocks(self) -> None:
+        owner, fold, bounds = [], [], []
+        single = len(self.runs) == 1
+        folds = self.settings.time_folds if single else len(self.runs)
+        for r, run in enumerate(self.runs):
+            per_run = max(round((run.time[-1] - run.time[0]) / self.settings.block), folds if single else 1)
+            edges = np.linspace(0, len(run.time), per_run + 1).round().astype(int)
+            for k, (low, high) in enumerate(pairwise(edges)):
+                owner.append(r)
+                bounds.append((int(low), int(high)))
+                fold.append(k * folds // per_run if single else r)
+        self.block_run, self.block_fold, self.block_rows = np.array(owner), np.array(fold), bounds
+        self.folds = folds
+        self._run_folds = folds, self.block_fold.copy()
+
+    def fold_by_run(self) -> None:
+        """The folds of the beginning again."""
+        self.folds, self.block_fold = self._run_folds[0], self._run_folds[1].copy()
+        self._sum()
+
+    def fold_by_time(self) -> None:
+        """Fold anew: contiguous parts of every run in turn, so that every run is in every fit."""
+        self.folds = self.settings.time_folds
+        for r in range(len(self.runs)):
+            mine = np.flatnonzero(self.block_run == r)
+            self.block_fold[mine] = np.arange(len(mine)) * self.folds // max(len(mine), 1)
+        self._sum()
+
+    def add_slots(self, slots: Sequence[Slot]) -> None:
+        """Compute and append the columns of ``slots`` (those not there yet)."""
+        for slot in slots:
+            if slot in self._columns:
+                continue
+            parts = self._smoothed(slot, [run.motion for run in self.runs])
+            only = dict(slot.settings).get(ONLY_RUN)
+            if only is not None:
+                parts = [p if run.name == only else np.zeros_like(p) for p, run in zip(parts, self.runs, strict=True)]
+            where: list[slice | None] = []
+            for j in range(self.n):
+                own = [p if p.ndim == 2 else p[:, j] for p in parts]
+                acts = parts[0].ndim == 3 or slot.joint == j
+                if not acts or max(float(np.abs(o).max()) for o in own) < 1e-9:
+                    where.append(None)
+                    continue
+                first = self._rows[0][j].shape[1]
+                for r, o in enumerate(own):
+                    self._rows[r][j] = np.hstack([self._rows[r][j], o])
+                where.append(slice(first, first + own[0].shape[1]))
+            self._columns[slot] = where
+            self.slots.append(slot)
+        self._reduce()
+
+    def _smoothed(self, slot: Slot, motions: Sequence[Motion]) -> list[Array]:
+        out = []
+        for run, motion in zip(self.runs, motions, strict=True):
+            columns = slot.family().columns(motion, slot)
+            if self.base_follows_load and slot.family().changes_body:
+                share = 1.0 + self.base.load_derivative(motion.q, motion.dq, motion.ddq)
+                columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [slot.index]])
+            out.append(run.smooth(columns))
+        return out
+
+    def _model_in(self, effects: Sequence[Effect], run: Run) -> Model:
+        """The starting model with those of ``effects`` that act in ``run``."""
+        return self.base.adding(e for e in effects if e.settings.get(ONLY_RUN) in (None, run.name))
+
+    def renew_load(self, effects: Sequence[Effect]) -> None:
+        """Compute the columns that depend on the load anew, with the rigid body that ``effects`` have changed."""
+        slots = [s for s in self.slots if s.family().uses_load]
+        if not slots:
+            return
+        motions = [
+            replace(
+                run.motion,
+                given_load=self._model_in(effects, run).completed_robot.inverse_dynamics(
+                    run.motion.q, run.motion.dq, run.motion.ddq
+                ),
+            )
+            for run in self.runs
+        ]
+        for slot in slots:
+            where = self._columns[slot][slot.index]
+            if where is not None:
+                for r, part in enumerate(self._smoothed(slot, motions)):
+                    self._rows[r][slot.index][:, where] = part
+        for j in sorted({slot.index for slot in slots}):
+            self.gram[j] = self._joint_gram(j)
+        self._sum()
+
+    def leave_out(self, run: int, rows: slice) -> None:
+        """Let ``rows`` of run number ``run`` count no more."""
+        self.mask[run][rows] = False
+        self._reduce()
+
+    def _reduce(self) -> None:
+        self.gram = [self._joint_gram(j) for j in range(self.n)]
+        self.count = np.array(
+            [
+                self.mask[r][low:high].sum(axis=0)
+                for r, (low, high) in zip(self.block_run, self.block_rows, strict=True)
+            ],
+            float,
+        )
+        self._sum()
+
+    def _joint_gram(self, j: int) -> Array:
+        size = self._rows[0][j].shape[1] + 1
+        gram = np.zeros((len(self.block_rows), size, size))
+        for b, (low, high) in enumerate(self.block_rows):
+            r = self.block_run[b]
+            rows = np.column_stack([self._rows[r][j][low:high], self.target[r][low:high, j]])
+            rows = rows[self.mask[r][low:high, j]]
+            gram[b] = rows.T @ rows
+        return gram
+
+    def _retarget(self) -> None:
+        """Renew what depends on the target in the Gram matrices."""
+        for r, mask in enumerate(self.mask):
+            mine = np.flatnonzero(self.block_run == r)
+            edges = [self.block_rows[b][0] for b in mine]
+            for j in range(self.n):
+                target = np.where(mask[:, j], self.target[r][:, j], 0.0)
+                products = np.add.reduceat(self._rows[r][j] * target[:, None], edges, axis=0)
+                self.gram[j][mine, :-1, -1] = products
+                self.gram[j][mine, -1, :-1] = products
+                self.gram[j][mine, -1, -1] = np.add.reduceat(target**2, edges)
+        self._sum()
+
+    def _sum(self) -> None:
+        self.fold_gram = [[g[self.block_fold != f].sum(axis=0) for g in self.gram] for f in range(self.folds)]
+        self._fold_blocks = [np.flatnonzero(self.block_fold == f) for f in range(self.folds)]
+        self._own_gram = [[g[own] for g in self.gram] for own in self._fold_blocks]
+        self.full_gram = [g.sum(axis=0) for g in self.gram]
+        self.samples = self.count.sum(axis=0)
+
+    def relinearise(self, effects: Sequence[Effect], slots: Sequence[Slot], x: Array) -> None:
+        """Make the linear problem exact at ``x``: target = tau - exact(x) + columns x (Gauss-Newton, fixed columns)."""
+        linear = self.linear(slots, x)
+        for r, run in enumerate(self.runs):
+            model = self._model_in(effects, run)
+            self.target[r] = run.tau - run.smooth(self.predict_fine(model, run)) + linear[r]
+        self._retarget()
+
+    def reset(self) -> None:
+        """The target of the beginning again: for models that are linear."""
+        self.target = [t.copy() for t in self.base_target]
+        self._retarget()
+
+    def linear(self, slots: Sequence[Slot], x: Array) -> list[Array]:
+        """Columns times coordinates: torque (K, n) [N m] of ``slots`` in every run."""
+        layout = self.layout(slots)
+        out = [np.zeros((len(run.time), self.n)) for run in self.runs]
+        for slot, start in zip(layout.slots, layout.starts, strict=True):
+            own = x[start : start + slot.family().size]
+            for j, where in enumerate(self._columns[slot]):
+                if where is not None:
+                    for r in range(len(self.runs)):
+                        out[r][:, j] += self._rows[r][j][:, where] @ own
+        return out
+
+    def residuals(self, slots: Sequence[Slot], x: Array) -> list[Array]:
+        """What ``slots`` at ``x`` leave of the target (K, n) [N m] in every run."""
+        return [t - part for t, part in zip(self.target, self.linear(slots, x), strict=True)]
+
+    def acts(self, slot: Slot) -> NDArray[np.bool_]:
+        """(n,) on which joints ``slot`` has a torque."""
+        return np.array([where is not None for where in self._columns[slot]])
+
+    def joint_rows(self, run: int, joint: int) -> Array:
+        """Smoothed columns (K, p) of all slots that act on ``joint`` in run number ``run``."""
+        return self._rows[run][joint]
+
+    # -- solving ----------------------------------------------------------------------------------------------------
+    def layout(self, slots: Sequence[Slot]) -> Layout:
+        sizes = [s.family().size for s in slots]
+        starts = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+        return Layout(tuple(slots), tuple(int(v) for v in starts[:-1]), int(starts[-1]))
+
+    def indices(self, layout: Layout) -> list[tuple[Indices, Indices]]:
+        """Per joint: positions in x and columns in the joint's Gram matrix."""
+        out = []
+        for j in range(self.n):
+            position: list[int] = []
+            column: list[int] = []
+            for slot, start in zip(layout.slots, layout.starts, strict=True):
+                where = self._columns[slot][j]
+                if where is not None:
+                    position.extend(range(start, start + where.stop - where.start))
+                    column.extend(range(where.start, where.stop))
+            out.append((np.array(position, int), np.array(column, int)))
+        return out
+
+    def constraints(self, layout: Layout) -> Constraints:
+        return physical_constraints(
+            layout.slots, layout.starts, layout.total, self._base_places, self.robot, self.fastest
+        )
+
+    def has(self, slot: Slot) -> bool:
+        """True where the columns of ``slot`` are there."""
+        return slot in self._columns
+
+    def in_base(self, slot: Slot) -> bool:
+        """True where the starting model has an effect at ``slot``."""
+        return slot in self._base_places
+
+    def normal(
+        self, layout: Layout, grams: Sequence[Array], indices: list[tuple[Indices, Indices]] | None = None
+    ) -> tuple[Array, Array]:
+        """Weighted normal equations with the weak prior."""
+        a, b = np.zeros((layout.total, layout.total)), np.zeros(layout.total)
+        for j, (position, column) in enumerate(indices or self.indices(layout)):
+            if len(position):
+                a[position[:, None], position] += self.weights[j] * grams[j][column[:, None], column]
+                b[position] += self.weights[j] * grams[j][column, -1]
+        scale = np.concatenate([s.family().prior_scale() for s in layout.slots] or [np.zeros(0)])
+        a[np.diag_indices_from(a)] += 1.0 / scale**2
+        return a, b
+
+    def fit(self, slots: Sequence[Slot], grams: Sequence[Array] | None = None, physical: bool = True) -> Array:
+        """Coordinates of ``slots``, jointly, on the sum of blocks ``grams`` (default: all)."""
+        layout = self.layout(slots)
+        if layout.total == 0:
+            return np.zeros(0)
+        a, b = self.normal(layout, self.full_gram if grams is None else grams)
+        constraints = self.constraints(layout)
+        return solve(a, b, constraints) if physical else solve_bounded(a, b, constraints.lower)
+
+    def errors(self, slots: Sequence[Slot], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:
+        """Squared residual sums (blocks, n) [N m]^2 of coordinates ``x``."""
+        grams = self.gram if blocks is None else [g[blocks] for g in self.gram]
+        return self._errors(self.indices(self.layout(slots)), x, grams)
+
+    def _errors(self, indices: list[tuple[Indices, Indices]], x: Array, grams: Sequence[Array]) -> Array:
+        out = np.empty((len(grams[0]), self.n))
+        for j, (position, column) in enumerate(indices):
+            gram = grams[j]
+            if len(position):
+                v = np.zeros(gram.shape[1])
+                v[column] = -x[position]
+                v[-1] = 1.0
+                out[:, j] = (gram @ v) @ v
+            else:
+                out[:, j] = gram[:, -1, -1]
+        return np.maximum(out, 0.0)
+
+    def held_out(self, slots: Sequence[Slot], physical: bool = False) -> Array:
+        """Squared held-out residual sums (blocks, n): every fold predicted by a fit on the others."""
+        out = np.empty((len(self.block_rows), self.n))
+        layout = self.layout(slots)
+        indices, constraints = self.indices(layout), self.constraints(layout)
+        for f in range(self.folds):
+            a, b = self.normal(layout, self.fold_gram[f], indices)
+            if layout.total == 0:
+                x = np.zeros(0)
+            elif physical:
+                x = solve(a, b, constraints)
+            else:
+                x = solve_bounded(a, b, constraints.lower)
+            out[self._fold_blocks[f]] = self._errors(indices, x, self._own_gram[f])
+        return out
+
+    def constrained(self, slots: Sequence[Slot]) -> bool:
+        """True where the fit of ``slots`` under bounds alone asks for a body or a friction that cannot exist."""
+        constraints = self.constraints(self.layout(slots))
+        if not constraints.coupled:
+            return False
+        x = self.fit(slots, physical=False)
+        return not constraints.satisfied(np.maximum(x, constraints.lower))
+
+    def held_out_all_rows(self, slots: Sequence[Slot], joint: int) -> float:
+        """Held-out squared residual sum [N m]^2 of ``joint`` over all rows, standing ones too; fits see moving ones."""
+        total = 0.0
+        for f in range(self.folds):
+            torque = self.linear(slots, self.fit(slots, self.fold_gram[f]))
+            for b in self._fold_blocks[f]:
+                r, (low, high) = self.block_run[b], self.block_rows[b]
+                total += float(np.sum((self.target[r][low:high, joint] - torque[r][low:high, joint]) ** 2))
+        return total
+
+    def covariance(self, slots: Sequence[Slot], x: Array) -> Array:
+        """Covariance of ``x`` by the block sandwich: autocorrelation inside a block is respected.
+
+        Liang and Zeger (1986), with blocks of time as clusters and the usual small-sample factor.
+        """
+        layout = self.layout(slots)
+        a, _ = self.normal(layout, self.full_gram)
+        scores = np.zeros((len(self.block_rows), layout.total))
+        for j, (position, column) in enumerate(self.indices(layout)):
+            if len(position):
+                gram = self.gram[j]
+                residual = gram[:, column, -1] - gram[:, column[:, None], column[None, :]] @ x[position]
+                scores[:, position] += self.weights[j] * residual
+        scale = 1.0 / np.sqrt(np.diag(a))
+        bread = np.linalg.pinv(a * scale[:, None] * scale[None, :], rcond=1e-14, hermitian=True)
+        bread = bread * scale[:, None] * scale[None, :]
+        blocks = len(scores)
+        return np.asarray(bread @ (scores.T @ scores) @ bread * blocks / max(blocks - 1, 1))

@@ -1,0 +1,197 @@
+"""What the data cannot tell: explanations as good as the one named, parameters left open, runs that disagree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.loop.augment import effects_of
+from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Place, overlap, pairs
+from hybrid_dynamics.loop.trace import Judge, same_place
+
+Array = NDArray[np.float64]
+#: A rival must be able to make at least this share of the effect's torque by itself.
+LIKENESS = 0.3
+#: Parameters of two runs that differ by less than this share are the same: drive gains are no better known.
+DIFFERENCE = 0.05
+
+
+def indistinguishable(
+    judge: Judge, slots: Sequence[Slot], candidates: Sequence[Slot]
+) -> dict[Slot, list[dict[str, Any]]]:
+    """What would explain as much in the place of each slot (one candidate, or two together), why, and the remedy."""
+    evidence = judge.evidence
+    names = evidence.robot.joint_names
+    full = evidence.held_out(slots, evidence.constrained(slots))
+    x = evidence.fit(slots)
+    layout = evidence.layout(slots)
+    free = [c for c in candidates if not any(same_place(c, s) for s in slots)]
+    out: dict[Slot, list[dict[str, Any]]] = {}
+    for slot, start in zip(layout.slots, layout.starts, strict=True):
+        own = x[start : start + slot.family().size]
+        found: dict[frozenset[Place], tuple[float, dict[str, Any]]] = {}
+        rest = [s for s in slots if s != slot]
+        pressed = evidence.constrained(rest)
+        tried: set[frozenset[Place]] = set()
+        for group in [*((c,) for c in free), *pairs(slot, free)]:
+            key = frozenset((c.effect, c.joint) for c in group)
+            if (pressed and key in tried) or any(smaller < key for smaller in found):
+                continue
+            tried.add(key)
+            share = overlap(evidence, slot, own, *group)
+            if share < (LIKENESS if len(group) == 1 else LIKENESS_OF_PAIR):
+                continue
+            errors = evidence.held_out([*rest, *group], pressed)
+            difference = judge.score(errors) - judge.score(full)
+            loss, error = float(difference.sum()), judge.standard_error(difference)
+            growth = judge.mean_square(errors) / np.maximum(judge.mean_square(full), 1e-300) - 1
+            growth = growth[evidence.samples >= 20]
+            close = bool(np.all(growth < judge.settings.alike_share))
+            # A whole body in place of one coefficient is no rival unless it predicts held-out runs as well.
+            if not close and not (loss <= error and bool(np.all(growth < 5 * judge.settings.alike_share))):
+                continue
+            same = share > 1 - 1e-6
+            worst = 100 * float(np.max(growth))
+            why = (
+                "the same torque in every sample of these runs"
+                if same
+                else f"held-out error grows by at most {max(worst, 0.0):.1f} % (mean square, worst joint)"
+            )
+            entry = {
+                "effects": [{"effect": c.effect, "joints": [] if c.joint is None else [names[c.joint]]} for c in group],
+                "why": why,
+                "motion_that_would_tell": motion_that_would_tell(slot, group, same),
+            }
+            if key not in found or loss < found[key][0]:
+                found[key] = (loss, entry)
+        listed = [entry for _, entry in sorted(found.values(), key=lambda item: (len(item[1]["effects"]), item[0]))]
+        if slot.effect == "payload":
+            listed.insert(
+                0,
+                {
+                    "effects": [{"effect": "link_inertia", "joints": [names[-1]]}],
+                    "why": "structurally the same: a body on the last link changes that link's inertial parameters",
+                    "motion_that_would_tell": "No motion can tell; a run with the tool removed would.",
+                },
+            )
+        out[slot] = listed
+    return out
+
+
+def motion_that_would_tell(slot: Slot, others: Sequence[Slot], same: bool) -> str:
+    """One sentence: which motion separates ``slot`` from ``others``."""
+    first, last = slot.family().shown_by, others[-1]
+    if same and {slot.effect, last.effect} == {"armature", "link_inertia"} and slot.joint == last.joint == 0:
+        return "No motion of a robot on a fixed base can tell: only the rotation about the joint's own axis counts."
+    rest = list(dict.fromkeys(o.family().shown_by for o in others if o.family().shown_by != first))
+    if not rest:
+        return f"A motion in which {first}, one joint at a time."
+    return f"A motion in which {first}; " + "; ".join(f"then one in which {clause}" for clause in rest) + "."
+
+
+def undetermined(evidence: Evidence, slots: Sequence[Slot], slot: Slot) -> list[str]:
+    """Published parameters of ``slot`` that the data leaves to the prior."""
+    layout = evidence.layout(slots)
+    a, _ = evidence.normal(layout, evidence.full_gram)
+    scale = 1.0 / np.sqrt(np.diag(a))
+    inverse = np.linalg.pinv(a * scale[:, None] * scale[None, :], rcond=1e-15, hermitian=True)
+    variance = np.diag(inverse) * scale**2
+    start = layout.starts[layout.slots.index(slot)]
+    kind = slot.family()
+    loose = variance[start : start + slot.size] > 0.1 * kind.prior_scale(evidence.robot, slot) ** 2
+    return kind.left_open(slot, loose)
+
+
+def inconsistent(
+    judge: Judge, slots: Sequence[Slot], x: Array, torn: Sequence[Slot] = ()
+) -> dict[Slot, list[dict[str, Any]]]:
+    """Effects whose parameters differ between training runs by more than uncertainty, fitted run by run.
+
+    ``x`` are the coordinates of all slots. Every effect in turn is fitted to one run alone, the others held; it
+    disagrees where its own parameters lower that run's error by more than one squared floor on enough joints (those of
+    ``torn`` have already been found better with parameters of their own in every run), and a
+    parameter differs by more than three standard errors from the mean of the runs and by more than a few percent of
+    the largest parameter of its unit.
+    """
+    evidence = judge.evidence
+    runs = len(evidence.runs)
+    out: dict[Slot, list[dict[str, Any]]] = {}
+    if runs < 2:
+        return out
+    layout = evidence.layout(slots)
+    for slot, start in zip(layout.slots, layout.starts, strict=True):
+        kind = slot.family()
+        fits = []
+        for r in range(runs):
+            mine = evidence.block_run == r
+            own, covariance, gain = fit_alone(evidence, slots, x, slot, start, mine)
+            fits.append((own, covariance, gain))
+        if slot not in torn and not any(judge.matters(slot, gain, 1.0) for _, _, gain in fits):
+            continue
+        values, errors = [], []
+        for own, covariance, _ in fits:
+            effect = effects_of(evidence, [slot], own, covariance)[0]
+            values.append([effect.parameters[p.name] for p in kind.parameters])
+            errors.append([max(effect.std_errors[p.name], 1e-12) for p in kind.parameters])
+        v, e = np.array(values), np.array(errors)
+        mean = (v / e**2).sum(axis=0) / (1 / e**2).sum(axis=0)
+        chi = (((v - mean) / e) ** 2).sum(axis=0)
+        units = np.array([p.unit for p in kind.parameters])
+        size = np.array([np.abs(v[:, units == unit]).max() for unit in units])
+        spread = np.ptp(v, axis=0)
+        entries = [
+            {
+                "parameter": p.name,
+                "unit": p.unit,
+                "runs": [
+                    {"run": run.name, "value": float(v[r, k]), "std_error": float(e[r, k])}
+                    for r, run in enumerate(evidence.runs)
+                ],
+            }
+            for k, p in enumerate(kind.parameters)
+            if chi[k] > 9.0 * (runs - 1) and spread[k] > DIFFERENCE * size[k]
+        ]
+        if entries:
+            out[slot] = entries
+    return out
+
+
+def fit_alone(
+    evidence: Evidence, slots: Sequence[Slot], x: Array, slot: Slot, start: int, blocks: NDArray[np.bool_]
+) -> tuple[Array, Array, Array]:
+    """Coordinates of ``slot`` on ``blocks`` with all others held at ``x``; covariance; gain (n,) [N m]^2."""
+    layout = evidence.layout(slots)
+    size = slot.family().size
+    own = slice(start, start + size)
+    a, b = np.diag(1.0 / slot.family().prior_scale() ** 2), x[own] / slot.family().prior_scale() ** 2
+    grams = []
+    for j, (position, column) in enumerate(evidence.indices(layout)):
+        gram = evidence.gram[j][blocks]
+        mine = np.flatnonzero((position >= start) & (position < start + size))
+        others = np.setdiff1d(np.arange(len(position)), mine)
+        full = evidence.gram[j].shape[1] - 1
+        cross = (
+            gram[:, column[mine], full] - gram[:, column[mine][:, None], column[others][None, :]] @ x[position[others]]
+        )
+        square = gram[:, column[mine][:, None], column[mine][None, :]]
+        at = position[mine] - start
+        a[np.ix_(at, at)] += evidence.weights[j] * square.sum(axis=0)
+        b[at] += evidence.weights[j] * cross.sum(axis=0)
+        grams.append((at, square, cross))
+    solution = np.asarray(np.linalg.solve(a, b))
+    scores = np.zeros((int(blocks.sum()), size))
+    for j, (at, square, cross) in enumerate(grams):
+        scores[:, at] += evidence.weights[j] * (cross - square @ solution[at])
+    bread = np.linalg.inv(a)
+    count = len(scores)
+    covariance = bread @ (scores.T @ scores) @ bread * count / max(count - 1, 1)
+    changed = x.copy()
+    changed[own] = solution
+    rows = np.maximum(evidence.count[blocks].sum(axis=0), 1)
+    gain = (evidence.errors(slots, x, blocks).sum(axis=0) - evidence.errors(slots, changed, blocks).sum(axis=0)) / rows
+    return solution, np.asarray(covariance), np.asarray(gain)

@@ -1,0 +1,230 @@
+"""The model that is being completed: a rigid body and an ordered list of effects. Saved as ``model.json``."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import files
+from typing import Any
+
+import jsonschema
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Effect, Readings, Slot, StateTorque, family, plant, readings, split_key
+from hybrid_dynamics.effects.plant import predict_planted
+from hybrid_dynamics.errors import HybridDynamicsError, InputError
+from hybrid_dynamics.files import json_text, write_text
+from hybrid_dynamics.loop.provenance import check_identity, identity_of
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.strict_json import read_json
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Model:
+    """Rigid body plus effects. ``predict`` takes the states (T, n) of a run and returns torque (T, n) [N m].
+
+    >>> from hybrid_dynamics import Model, Robot
+    >>> from hybrid_dynamics.effects import Effect
+    >>> robot = Robot.from_urdf("robot.urdf")
+    >>> grease = Effect("viscous_friction", ("elbow",), {"viscous_coefficient": 0.5})  # N m s/rad
+    >>> q, dq, ddq = [[0.0, 0.0]], [[0.0, 2.0]], [[0.0, 0.0]]
+    >>> (Model(robot, (grease,)).predict(q, dq, ddq) - Model(robot).predict(q, dq, ddq)).round(6)
+    array([[0., 1.]])
+    """
+
+    robot: Robot
+    effects: tuple[Effect, ...] = ()
+
+    @cached_property
+    def _planted(self) -> tuple[Robot, StateTorque]:
+        return plant(self.robot, self.effects, along=True)
+
+    @cached_property
+    def predictions(self) -> dict[int, tuple[Any, Array]]:
+        """Predictions already made, by whoever asks repeatedly for the same runs: the run, what was predicted."""
+        return {}
+
+    @property
+    def completed_robot(self) -> Robot:
+        """The rigid body with all effects that are part of it (inertia, rotor, gravity)."""
+        return self._planted[0]
+
+    @cached_property
+    def readings(self) -> Readings:
+        """What the log reads wrongly: position offsets, torque gains, a delay."""
+        return readings(self.robot, self.effects)
+
+    def predict(self, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> Array:
+        """Recorded torque (T, n) [N m] for one whole run, rows in the order of time.
+
+        ``time`` (T,) [s] serves effects that depend on it.
+        """
+        return predict_planted(*self._planted, self.readings, q, dq, ddq, time)
+
+    def load_derivative(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """How much the effects' torque grows with the rigid-body torque, (T, n): friction that follows the load."""
+        robot, torque = self._planted
+        rigid = robot.inverse_dynamics(q, dq, ddq)
+        step = 1e-6 * np.maximum(np.abs(rigid), 1.0)
+        still = np.zeros(len(q))
+        up, down = (torque(q, dq, rigid + sign * step, ddq, still) for sign in (1, -1))
+        return np.asarray((up - down) / (2 * step))
+
+    def outrun(self, dq: Array) -> list[str]:
+        """A line for every joint whose viscous terms would drive it at speeds within ``dq`` (T, n) [rad/s].
+
+        They oppose the motion at all speeds the model was fitted on; beyond, a polynomial goes where it likes.
+        """
+        lines = []
+        for j, name in enumerate(self.robot.joint_names):
+            terms = [
+                (power, x)
+                for slot, own in self._places()
+                if slot.joint == j
+                for power, x in zip(slot.family().viscous_powers, own, strict=False)
+            ]
+            speeds = np.linspace(0.0, np.abs(dq[:, j]).max(), 200)[1:]
+            driven = sum((x * speeds ** (power - 1) for power, x in terms), np.zeros_like(speeds)) < -1e-9
+            if driven.any():
+                lines.append(
+                    f"{name} moves at up to {speeds[-1]:.3g} rad/s, faster than where its friction was fitted: from "
+                    f"{speeds[driven][0]:.3g} rad/s on the model's viscous friction would drive it; fit on faster runs"
+                )
+        return lines
+
+    def _places(self) -> list[tuple[Slot, Array]]:
+        """Slot and coordinates of every effect."""
+        placed = [(e.slot(self.robot), e) for e in self.effects]
+        return [(slot, slot.family().coordinates_of(e.parameters, self.robot, slot)) for slot, e in placed]
+
+    def adding(self, effects: Iterable[Effect]) -> Model:
+        """A model with ``effects`` appended."""
+        return Model(self.robot, (*self.effects, *effects))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """See :func:`save_model`."""
+        save_model(path, self)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], robot: Robot) -> Model:
+        """See :func:`load_model`."""
+        return load_model(path, robot)
+
+
+def effect_to_json(effect: Effect) -> dict[str, Any]:
+    """One entry of ``effects`` in model.json and diagnosis.json.
+
+    A parameter keyed ``"joint/name"`` (one body a link) becomes name and joint.
+    """
+    kind = family(effect.effect)
+    own = effect.joints[0] if effect.joints else None
+    entries = []
+    for key in kind.published(effect.settings):
+        joint, name = split_key(key)
+        error = effect.std_errors.get(key)
+        entries.append(
+            {
+                "name": name,
+                "joint": own if joint is None else joint,
+                "value": float(effect.parameters[key]),
+                "std_error": None if error is None else float(error),
+                "unit": kind.unit(key, effect.settings),
+            }
+        )
+    return {
+        "effect": effect.effect,
+        "joints": list(effect.joints),
+        "settings": json.loads(json.dumps(dict(effect.settings))),
+        "parameters": entries,
+    }
+
+
+def effect_from_json(entry: Mapping[str, Any]) -> Effect:
+    """Inverse of :func:`effect_to_json`."""
+    values, errors = {}, {}
+    for p in entry["parameters"]:
+        key = p["name"] if p["joint"] is None or entry["joints"] else f"{p['joint']}/{p['name']}"
+        values[key] = float(p["value"])
+        if p["std_error"] is not None:
+            errors[key] = float(p["std_error"])
+    return Effect(entry["effect"], tuple(entry["joints"]), values, dict(entry["settings"]), errors)
+
+
+def load_schema(name: str) -> dict[str, Any]:
+    """A JSON schema shipped beside this module."""
+    return dict(json.loads(files("hybrid_dynamics.loop").joinpath(f"{name}.schema.json").read_text(encoding="utf-8")))
+
+
+def save_model(path: str | os.PathLike[str], model: Model, record: Mapping[str, Any] | None = None) -> None:
+    """Write ``model.json``: names and numbers only, with the dynamics of the robot it was made for.
+
+    ``record`` holds the optional blocks ``provenance`` and ``uncertainty``.
+    """
+    value = {
+        "schema": 1,
+        "robot": model.robot.name,
+        "joints": list(model.robot.joint_names),
+        "effects": [effect_to_json(e) for e in model.effects],
+        **identity_of(model.robot),
+        **(record or {}),
+    }
+    jsonschema.validate(value, load_schema("model"))
+    write_text(path, json_text(value))
+
+
+def read_model(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The content of ``model.json``, checked against its schema; :class:`InputError` says what is wrong with it."""
+    value = read_json(path, "the model.json that close-loop wrote")
+    try:
+        jsonschema.validate(value, load_schema("model"))
+    except jsonschema.ValidationError as error:
+        where = "/".join(str(p) for p in error.absolute_path) or "top level"
+        message = error.message if len(error.message) <= 200 else f"{error.message[:197]}..."
+        raise InputError(f"{path}: {where}: {message}; give the model.json that close-loop wrote") from None
+    return dict(value)
+
+
+def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
+    """Read ``model.json`` for ``robot``; :class:`InputError` says what does not fit, another robot by what differs.
+
+    >>> from hybrid_dynamics import Model, Robot, load_model
+    >>> robot = Robot.from_urdf("robot.urdf")
+    >>> Model(robot).save("nothing_added.json")
+    >>> load_model("nothing_added.json", robot).effects
+    ()
+    """
+    value = read_model(path)
+    if tuple(value["joints"]) != robot.joint_names:
+        raise InputError(
+            f"{path}: made for joints {', '.join(value['joints'])}; the robot has {', '.join(robot.joint_names)}"
+        )
+    check_identity(value, robot, path)
+    try:
+        model = Model(robot, tuple(effect_from_json(e) for e in value["effects"]))
+        _check_physics(model)
+        _ = model.completed_robot
+    except HybridDynamicsError as error:
+        raise InputError(f"{path}: {error}; give the model.json that close-loop wrote") from None
+    return model
+
+
+def _check_physics(model: Model) -> None:
+    """Raise :class:`InputError` for what physics forbids, such as friction that drives.
+
+    A later effect may lessen an earlier one at the same place: their sum counts.
+    """
+    sums: dict[Slot, Array] = {}
+    for slot, own in model._places():
+        sums[slot] = sums.get(slot, np.zeros(len(own))) + own
+    for slot, total in sums.items():
+        kind = slot.family()
+        if np.any(total < kind.lower_bounds(model.robot, slot) - 1e-9):
+            where = "the robot" if slot.joint is None else model.robot.joint_names[slot.joint]
+            shown = ", ".join(f"{k} = {v:g}" for k, v in kind.parameters_of(total, model.robot, slot).items())
+            raise InputError(f"effect {slot.effect} of {where}: {shown}; expected >= 0, all in all")

@@ -1,0 +1,155 @@
+"""From a log to signals that belong together: position, velocity, acceleration and torque at the same bandwidth.
+
+Position (and velocity, where the log has it) passes a zero-phase low-pass; derivatives are central differences of
+fourth order. Torque and every column the torque is compared with pass the same short symmetric FIR (parallel
+filtering), then both are decimated. Samples near standstill are marked: in the stick band the torque is not a function
+of the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter1d
+from scipy.signal import butter, sosfiltfilt, upfirdn
+
+from hybrid_dynamics.effects import Motion
+from hybrid_dynamics.errors import InputError, require
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ProcessSettings:
+    """``cutoff`` [Hz] of position and torque, lowered to ``cutoff_share`` of the sampling rate for slow logs;
+    ``rate`` [Hz] at least kept after decimation; ``slow_speed`` [rad/s] below which a joint counts as standing;
+    ``moving_range`` [rad] a joint must cover to count as moving."""
+
+    cutoff: float = 25.0
+    cutoff_share: float = 0.1
+    rate: float = 100.0
+    motion_rate: float = 500.0
+    slow_speed: float = 0.02
+    moving_range: float = 0.02
+
+    def __post_init__(self) -> None:
+        require(0 < self.cutoff <= 1000, f"cutoff is {self.cutoff}; expected 0 < cutoff <= 1000 Hz")
+        require(0 < self.cutoff_share <= 0.2, f"cutoff_share is {self.cutoff_share}; expected 0 < share <= 0.2")
+        require(self.rate > 0, f"rate is {self.rate}; expected > 0 Hz")
+        require(self.motion_rate >= self.rate, f"motion_rate is {self.motion_rate}; expected at least rate")
+        require(self.slow_speed >= 0, f"slow_speed is {self.slow_speed}; expected >= 0 rad/s")
+        require(self.moving_range > 0, f"moving_range is {self.moving_range}; expected > 0 rad")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One processed run. ``motion`` holds M states; ``time`` (K,), ``q dq ddq tau`` (K, n) are smoothed, decimated.
+
+    ``mask`` (K, n) is true where the joint moves over the whole filter window. ``smooth`` maps (M, ...) to (K, ...).
+    """
+
+    name: str
+    motion: Motion
+    time: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    tau: Array
+    mask: NDArray[np.bool_]
+    smooth: Callable[[Array], Array]
+    cutoff: float
+
+
+def derivative(x: Array, dt: float) -> Array:
+    """Central difference of fourth order along axis 0; second order near the ends."""
+    out = np.gradient(x, dt, axis=0)
+    if len(x) > 4:
+        out[2:-2] = (8 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12 * dt)
+    return out
+
+
+def hann_kernel(duration: float, dt: float) -> Array:
+    """Symmetric Hann window of ``duration`` [s] with an odd number of taps and unit sum: -6 dB at 1/duration."""
+    half = max(round(duration / (2 * dt)), 1)
+    taps = np.cos(np.pi * np.arange(-half, half + 1) / (2 * (half + 1))) ** 2
+    return taps / taps.sum()
+
+
+def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> Run:
+    """Process one uniformly sampled run; :class:`InputError` where it is too short."""
+    dt = trajectory.dt
+    if not np.allclose(np.diff(trajectory.time), dt, rtol=1e-2, atol=1e-9):
+        raise InputError(f"run {trajectory.name}: time stamps are not uniform; resample the log first")
+    if trajectory.n_joints != robot.n_joints:
+        raise InputError(
+            f"run {trajectory.name}: holds {trajectory.n_joints} joints; robot {robot.name} has {robot.n_joints}"
+        )
+    rate = 1.0 / dt
+    cutoff = min(settings.cutoff, settings.cutoff_share * rate)
+    trim = int(np.ceil(2.0 / cutoff / dt))
+    if len(trajectory.time) < 2 * trim + max(20, round(0.3 / dt)):
+        raise InputError(
+            f"run {trajectory.name}: lasts {trajectory.time[-1] - trajectory.time[0]:.2f} s at {rate:.0f} Hz; "
+            f"expected at least {2 * trim * dt + 0.5:.1f} s; record longer runs, or hold out whole runs with --test"
+        )
+    low_pass = butter(4, cutoff, fs=rate, output="sos")
+
+    def zero_phase(x: Array) -> Array:
+        return np.asarray(sosfiltfilt(low_pass, x, axis=0, padlen=min(3 * trim, len(x) - 1)))
+
+    q = zero_phase(trajectory["q"])
+    dq = zero_phase(trajectory["dq"]) if "dq" in trajectory else derivative(q, dt)
+    ddq = derivative(dq, dt)
+    kernel = hann_kernel(1.0 / cutoff, dt)
+    half = len(kernel) // 2
+    step = max(int(np.floor(rate / settings.motion_rate)), 1)
+    keep = max(int(np.floor(rate / (step * max(settings.rate, 2 * cutoff)))), 1)
+
+    inside = slice(trim, len(q) - trim)
+    fine = slice(trim, len(q) - trim, step)
+    motion = Motion(robot, trajectory.time[fine], q[fine], dq[fine], ddq[fine])
+    coarse = hann_kernel(1.0 / cutoff, dt * step)
+    edge = len(coarse) // 2
+    count = len(range(edge, len(motion.time) - edge, keep))
+    first = trim + edge * step
+
+    def smooth(x: Array) -> Array:
+        filtered = upfirdn(coarse, x, up=1, down=1, axis=0) if keep == 1 else None
+        if filtered is None:
+            # Shift so that the first kept output is the one centred on sample `edge`.
+            shift = (2 * edge) % keep
+            start = (2 * edge) // keep
+            padded = np.concatenate([np.zeros(((keep - shift) % keep, *x.shape[1:])), x]) if shift else x
+            start += 1 if shift else 0
+            return np.asarray(upfirdn(coarse, padded, up=1, down=keep, axis=0))[start : start + count]
+        return np.asarray(filtered)[2 * edge : 2 * edge + count]
+
+    torque = np.asarray(upfirdn(kernel, trajectory["tau"], axis=0))[half : half + len(q)]
+    rows = first + keep * step * np.arange(count)
+    speed = minimum_filter1d(np.abs(dq[inside]), size=2 * half + 1, axis=0)
+    crossing = minimum_filter1d(dq[inside], 2 * half + 1, axis=0) * -minimum_filter1d(-dq[inside], 2 * half + 1, axis=0)
+    mask = (speed >= settings.slow_speed) & (crossing > 0)
+    return Run(
+        name=trajectory.name,
+        motion=motion,
+        time=trajectory.time[rows],
+        q=smooth(motion.q),
+        dq=smooth(motion.dq),
+        ddq=smooth(motion.ddq),
+        tau=torque[rows],
+        mask=mask[rows - trim],
+        smooth=smooth,
+        cutoff=cutoff,
+    )
+
+
+def moving_joints(runs: list[Run], settings: ProcessSettings) -> NDArray[np.bool_]:
+    """(n,) which joints move in at least one run."""
+    spans = np.array([np.ptp(run.q, axis=0) for run in runs])
+    rows = np.array([run.mask.sum(axis=0) for run in runs]).sum(axis=0)
+    return (spans.max(axis=0) >= settings.moving_range) & (rows >= 20)

@@ -1,0 +1,108 @@
+"""Where a result comes from: version, command, settings, digests of robot and logs. Nothing in it depends on the day or
+the place: the same inputs give the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.robots.identity import differences, digest_of, dynamics_of
+
+PathLike = str | os.PathLike[str]
+
+
+def provenance_of(
+    robot: Robot,
+    settings: LoopSettings,
+    *,
+    command: Mapping[str, Any],
+    urdf: PathLike,
+    train: Sequence[PathLike] = (),
+    test: Sequence[PathLike] = (),
+    model: PathLike | None = None,
+) -> dict[str, Any]:
+    """The block ``provenance`` of ``diagnosis.json`` and ``model.json``, as JSON values.
+
+    :class:`InputError` where a test log has the bytes of a training log: nothing would be held out.
+    """
+    logs = {"train": [file_digest(p) for p in train], "test": [file_digest(p) for p in test]}
+    learnt = {entry["sha256"]: entry["name"] for entry in logs["train"]}
+    for path, entry in zip(test, logs["test"], strict=True):
+        if entry["sha256"] in learnt:
+            raise InputError(
+                f"{path}: is a copy of the training log {learnt[entry['sha256']]}; "
+                "held-out logs must not be learnt from"
+            )
+    out: dict[str, Any] = {
+        "version": _version(),
+        "command": dict(command),
+        "settings": _plain(asdict(settings)),
+        "robot": {"urdf": file_digest(urdf), "dynamics_sha256": digest_of(dynamics_of(robot))},
+        "logs": logs,
+    }
+    if model is not None:
+        out["model"] = file_digest(model)
+    return out
+
+
+def file_digest(path: PathLike) -> dict[str, Any]:
+    """Name and SHA-256 of a file; of a folder (a ROS 2 bag) the digest of its files' names and contents."""
+    place = Path(path)
+    digest = hashlib.sha256()
+    for file in sorted(place.rglob("*")) if place.is_dir() else [place]:
+        if not file.is_file():
+            continue
+        if place.is_dir():
+            digest.update(f"{file.relative_to(place).as_posix()}\0".encode(errors="surrogateescape"))
+        with open(file, "rb") as stream:
+            while chunk := stream.read(1 << 20):
+                digest.update(chunk)
+    return {"name": place.name, "sha256": digest.hexdigest()}
+
+
+def identity_of(robot: Robot) -> dict[str, Any]:
+    """What ``model.json`` says of the robot it was made for."""
+    dynamics = dynamics_of(robot)
+    return {"robot_digest": digest_of(dynamics), "dynamics": dynamics}
+
+
+def check_identity(value: Mapping[str, Any], robot: Robot, path: PathLike) -> None:
+    """Raise :class:`InputError` that says what differs where the model ``value`` was not made for ``robot``."""
+    if value["robot"] != robot.name:
+        raise InputError(
+            f"{path}: made for robot {value['robot']!r}; the URDF describes {robot.name!r}: give the URDF the model "
+            "was made with, or run close-loop for this robot"
+        )
+    if "dynamics" not in value:
+        return  # written before models carried it
+    found = differences(value["dynamics"], robot)
+    if found:
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        raise InputError(
+            f"{path}: made for another robot: in this URDF {found[0]}{more}: give the URDF the model was made with, or "
+            "run close-loop for this robot"
+        )
+
+
+def _version() -> str:
+    try:
+        return metadata.version("hybrid-dynamics")
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value

@@ -1,0 +1,96 @@
+"""Runs that disagree: an effect fitted run by run, compared within its uncertainty, instead of averaged in silence.
+
+A tool that was exchanged or turned between recordings makes held-out runs contradict each other, so that
+cross-validation over runs finds no whole-robot effect at all. Where something stays unexplained, whole-robot effects
+are therefore also tried with parameters of their own in every run, validated on parts of the runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.loop.augment import Step, search
+from hybrid_dynamics.loop.evidence import ONLY_RUN
+from hybrid_dynamics.loop.identifiability import fit_alone
+from hybrid_dynamics.loop.trace import Judge, same_place
+
+Array = NDArray[np.float64]
+
+#: Of the excess over the floor, the share that parameters per run must remove before runs are said to disagree.
+DECISIVE = 0.5
+
+
+def parts_of(slot: Slot, names: Sequence[str]) -> list[Slot]:
+    """``slot`` once for every run."""
+    return [replace(slot, settings=(*slot.settings, (ONLY_RUN, name))) for name in names]
+
+
+def whole_of(slots: Sequence[Slot]) -> list[Slot]:
+    """What those of ``slots`` that act in one run only are parts of."""
+    return list(dict.fromkeys(_whole(s) for s in slots if _whole(s) != s))
+
+
+def _whole(slot: Slot) -> Slot:
+    return replace(slot, settings=tuple(s for s in slot.settings if s[0] != ONLY_RUN))
+
+
+def split_by_run(
+    judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], report: Callable[[Step], None]
+) -> list[Step]:
+    """Steps of a search that starts from a whole-robot effect fitted per run; empty where that is not called for."""
+    evidence = judge.evidence
+    if len(evidence.runs) < 2:
+        return []
+    evidence.fold_by_time()
+    names = [run.name for run in evidence.runs]
+    joint_wise = [s for s in current if s.family().scope == "joint"]
+    samples = float(evidence.samples[evidence.samples >= 20].sum())
+    now = judge.score(evidence.held_out(current))
+    best: tuple[float, list[Slot]] | None = None
+    for slot in candidates:
+        if slot.family().scope != "robot":
+            continue
+        parts = parts_of(slot, names)
+        evidence.add_slots(parts)
+        others = [s for s in current if not same_place(s, slot)]
+        for rest in ([], joint_wise, others):
+            trial = judge.score(evidence.held_out([*parts, *rest]))
+            pooled = judge.score(evidence.held_out([slot, *rest]))
+            for rival in (now, pooled):
+                difference = rival - trial
+                gain = float(difference.sum())
+                excess = max(float(rival.sum()) - samples, 0.0)
+                if gain <= DECISIVE * excess or gain <= 3 * judge.standard_error(difference):
+                    break
+            else:
+                if best is None or float(trial.sum()) < best[0]:
+                    best = float(trial.sum()), [*parts, *rest]
+    return [] if best is None else search(judge, candidates, report, best[1])
+
+
+def pool(judge: Judge, slots: Sequence[Slot]) -> tuple[list[Slot], Array]:
+    """Slots with the parts of an effect merged, and coordinates: the others keep theirs, the merged one is refitted."""
+    evidence = judge.evidence
+    x = evidence.fit(slots)
+    layout = evidence.layout(slots)
+    merged: list[Slot] = []
+    values: list[Array] = []
+    for slot, start in zip(layout.slots, layout.starts, strict=True):
+        whole = _whole(slot)
+        if whole in merged:
+            continue
+        merged.append(whole)
+        values.append(x[start : start + slot.family().size])
+    evidence.add_slots(merged)
+    out = np.concatenate(values)
+    everything = np.ones(len(evidence.block_rows), bool)
+    for slot in whole_of(slots):
+        start = evidence.layout(merged).starts[merged.index(slot)]
+        solution, _, _ = fit_alone(evidence, merged, out, slot, start, everything)
+        out[start : start + slot.family().size] = solution
+    return merged, out

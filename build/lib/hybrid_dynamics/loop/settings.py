@@ -1,0 +1,82 @@
+"""Settings of the loop: what may be named, how much it must matter, how sure it must be."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from hybrid_dynamics.effects import catalogue, family
+from hybrid_dynamics.errors import require
+from hybrid_dynamics.loop.process import ProcessSettings
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """``effects``: families that may be named (all registered ones where empty). ``sign_widths`` [rad/s] and
+    ``sign_travels`` [rad] over which the sign of friction may turn over.
+
+    An effect must gain ``gain_in_errors`` standard errors on held-out blocks of ``block`` [s] (a body half as much
+    again), lower the mean square residual of a joint by ``floor_share`` squared noise floors and by ``torque_share`` of
+    the variance of the measured torque. It is dropped again below ``keep_share`` squared floors. A single training run
+    is validated on ``time_folds`` parts of it. A joint counts as explained when its held-out error exceeds the floor by
+    at most ``floor_tolerance`` floors in quadrature. An alternative is named where held-out mean squares grow by less
+    than ``alike_share``. No floor lies below ``resolution`` of the measured torque. Without test runs the last
+    ``held_out_share`` of every run is held out after a gap of ``held_out_gap`` [s]. ``evaluations`` of symbolic
+    regression describe what stays unexplained on a joint.
+
+    >>> from hybrid_dynamics import LoopSettings
+    >>> LoopSettings(effects=("viscous_friction", "coulomb_friction"), block=1.0).families
+    ('viscous_friction', 'coulomb_friction')
+    """
+
+    effects: tuple[str, ...] = ()
+    sign_widths: tuple[float, ...] = (0.0, 0.01, 0.03, 0.08)
+    sign_travels: tuple[float, ...] = (1e-4, 3e-4, 1e-3)
+    block: float = 2.0
+    time_folds: int = 4
+    gain_in_errors: float = 2.0
+    floor_share: float = 0.15
+    keep_share: float = 0.1
+    torque_share: float = 1e-5
+    floor_tolerance: float = 0.5
+    alike_share: float = 0.03
+    resolution: float = 1e-4
+    max_effects: int = 60
+    held_out_share: float = 0.35
+    held_out_gap: float = 1.0
+    evaluations: int = 20_000
+    process: ProcessSettings = field(default_factory=ProcessSettings)
+
+    def __post_init__(self) -> None:
+        for name in self.effects:
+            family(name)
+        require(len(set(self.effects)) == len(self.effects), f"effects is {list(self.effects)}; name each only once")
+        require(len(self.sign_widths) > 0, "sign_widths is empty; expected at least one width, 0 for a sharp sign")
+        require(min(self.sign_widths) >= 0, f"sign_widths is {self.sign_widths}; expected widths >= 0 rad/s")
+        require(all(s > 0 for s in self.sign_travels), f"sign_travels is {self.sign_travels}; expected travels > 0 rad")
+        for name, low, high in (
+            ("block", 0.05, 60.0),
+            ("time_folds", 2, 20),
+            ("gain_in_errors", 0.0, 20.0),
+            ("floor_share", 0.0, 100.0),
+            ("keep_share", 0.0, 100.0),
+            ("torque_share", 0.0, 1.0),
+            ("floor_tolerance", 0.0, 10.0),
+            ("alike_share", 0.0, 1.0),
+            ("resolution", 1e-9, 1.0),
+            ("max_effects", 1, 1000),
+            ("held_out_share", 0.05, 0.9),
+            ("held_out_gap", 0.0, 60.0),
+            ("evaluations", 100, 10**9),
+        ):
+            value = getattr(self, name)
+            require(low <= value <= high, f"{name} is {value}; expected {low:g} <= {name} <= {high:g}")
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        return tuple(self.effects) or catalogue()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What families may look up when they list their slots."""
+        return {k: v for k, v in asdict(self).items() if k != "process"}

@@ -1,0 +1,144 @@
+"""Least squares in normal-equation form under physical constraints: lower bounds, friction that opposes the motion at
+every speed seen, and bodies that can exist.
+
+Minimises x'Ax/2 - b'x. Without an active constraint this is one linear solve; otherwise a cone program for Clarabel
+(convex, since the pseudo-inertia of a body is linear in its parameters: Sousa and Cortesao, IJRR 2014; Wensing et al.,
+RA-L 2018).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import clarabel
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
+
+from hybrid_dynamics.effects.inertia import pseudo_inertia_basis
+
+Array = NDArray[np.float64]
+
+_BASIS = pseudo_inertia_basis()
+#: Smallest eigenvalue (kg, kg m^2) of a fitted pseudo-inertia: inside, beyond the solver's tolerance.
+_MARGIN = 1e-8
+
+
+def _cone_rows() -> tuple[Array, Array]:
+    """Maps (10, 10) inertial parameters, and the margin (10,), to the upper triangle in Clarabel's scaling."""
+    upper = [(i, j) for j in range(4) for i in range(j + 1)]
+    scale = np.array([1.0 if i == j else np.sqrt(2.0) for i, j in upper])
+    pick = tuple(np.array(upper).T)
+    return scale[:, None] * np.array([m[pick] for m in _BASIS]).T, scale * _MARGIN * np.eye(4)[pick]
+
+
+_TRIANGLE, _INSIDE = _cone_rows()
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """``lower`` (K,) bounds; ``bodies``: first index of ten coordinates and the inertia (10,) they are added to.
+
+    ``rows`` (R, K) and ``least`` (R,): ``rows @ x >= least``.
+    """
+
+    lower: Array
+    bodies: tuple[tuple[int, Array], ...] = ()
+    rows: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    least: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def coupled(self) -> bool:
+        """True where coordinates constrain each other, beyond single bounds."""
+        return bool(self.bodies) or len(self.least) > 0
+
+    def satisfied(self, x: Array) -> bool:
+        """True where ``x`` meets all of them."""
+        if np.any(x < self.lower) or (len(self.least) and np.any(self.rows @ x < self.least)):
+            return False
+        return all(
+            np.linalg.eigvalsh(np.einsum("k,kij->ij", offset + x[i : i + 10], _BASIS))[0] > 0
+            for i, offset in self.bodies
+        )
+
+
+def solve_free(a: Array, b: Array) -> Array:
+    """Unconstrained minimiser, columns scaled to unit diagonal."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+    scaled = a * scale[:, None] * scale[None, :]
+    try:
+        return np.asarray(scale * np.linalg.solve(scaled, b * scale))
+    except np.linalg.LinAlgError:
+        return np.asarray(scale * np.linalg.lstsq(scaled, b * scale, rcond=1e-12)[0])
+
+
+def solve_bounded(a: Array, b: Array, lower: Array) -> Array:
+    """Minimiser under ``lower`` bounds, by fixing what violates them and releasing what would leave them."""
+    x = solve_free(a, b)
+    fixed = np.zeros(len(b), bool)
+    for _ in range(3 * len(b)):
+        bad = ~fixed & (x < lower - 1e-12)
+        if not bad.any():
+            gradient = a @ x - b
+            release = fixed & (gradient < -1e-9 * np.maximum(np.abs(b), 1e-12))
+            if not release.any():
+                break
+            fixed[np.argmin(np.where(release, gradient, np.inf))] = False
+        fixed |= bad
+        x = np.where(fixed, lower, 0.0)
+        free = ~fixed
+        if free.any():
+            x[free] = solve_free(a[np.ix_(free, free)], b[free] - a[np.ix_(free, fixed)] @ x[fixed])
+    return x
+
+
+def solve(a: Array, b: Array, constraints: Constraints) -> Array:
+    """Minimiser under all ``constraints``; exact where only bounds are active, else to the solver's tolerance."""
+    x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
+    if not constraints.coupled or constraints.satisfied(np.maximum(x, constraints.lower)):
+        return x
+    return _solve_cones(a, b, constraints)
+
+
+def _solve_cones(a: Array, b: Array, constraints: Constraints) -> Array:
+    """Minimise over y, x = scale * y: unit diagonal, linear term of size one; h - G y must lie in the cones."""
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+    size = max(float(np.abs(b * unit).max()), 1e-300)
+    scale = unit * size
+    bounded = np.flatnonzero(np.isfinite(constraints.lower))
+    bounds = np.zeros((len(bounded), len(b)))
+    bounds[np.arange(len(bounded)), bounded] = 1.0
+    count = len(bounded) + len(constraints.least)
+    blocks = [(bounds, constraints.lower[bounded])]
+    if len(constraints.least):
+        blocks.append((constraints.rows, constraints.least))
+    cones = [clarabel.NonnegativeConeT(count)] if count else []
+    for start, offset in constraints.bodies:
+        body = np.zeros((10, len(b)))
+        body[:, start : start + 10] = _TRIANGLE
+        blocks.append((body, _INSIDE - _TRIANGLE @ offset))
+        cones.append(clarabel.PSDTriangleConeT(4))
+    left, least = [], []
+    for k, (rows, limit) in enumerate(blocks):
+        scaled = rows * scale
+        # Rows of a half space may be scaled one by one, those of a body only together.
+        length = np.abs(scaled).max(axis=1) if k < len(blocks) - len(constraints.bodies) else np.abs(scaled).max()
+        length = np.where(length > 0, length, 1.0)
+        left.append(-(scaled.T / length).T)
+        least.append(-limit / length)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
+    solver = clarabel.DefaultSolver(
+        csc_matrix(np.triu(a * unit[:, None] * unit)),
+        -b * unit / size,
+        csc_matrix(np.vstack(left)),
+        np.concatenate(least),
+        cones,
+        settings,
+    )
+    solution = solver.solve()
+    if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+        raise RuntimeError(f"the physically consistent fit of {len(b)} coordinates ended as {solution.status}")
+    return np.asarray(np.maximum(scale * np.array(solution.x), constraints.lower))

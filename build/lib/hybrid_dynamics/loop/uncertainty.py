@@ -1,0 +1,82 @@
+"""How far a measured torque may lie from the prediction without anything being wrong.
+
+Two parts: the parameters are known with an error (their covariance, as the fit gives it), and what the completed model
+left on held-out runs, noise and whatever it does not explain. A collision threshold is a multiple of the sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.loop.model import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """``residual`` (n,) [N m]: rms of what was left on held-out runs, at least the noise floor.
+
+    ``correlation`` (P, P) of the uncertain parameters in the order of :func:`uncertain_parameters`; None where only
+    their standard errors are known (they count as independent then).
+    """
+
+    residual: Array
+    correlation: Array | None = None
+
+    def standard_deviation(
+        self, model: Model, q: Array, dq: Array, ddq: Array, time: Array | None, smooth: Callable[[Array], Array]
+    ) -> Array:
+        """(T, n) [N m] of measured minus predicted torque, both passed through ``smooth``."""
+        variance = np.broadcast_to(self.residual**2, np.shape(q)).copy()
+        changes = [smooth(change) for change in _changes(model, q, dq, ddq, time)]
+        if not changes:
+            return np.asarray(np.sqrt(variance))
+        if self.correlation is None or len(self.correlation) != len(changes):
+            variance += sum(change**2 for change in changes)
+        else:
+            # C = L L': the sum of squares of the columns of D L is diag(D C D') without a negative rounding.
+            values, vectors = np.linalg.eigh(self.correlation)
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            for column in root.T:
+                variance += sum(w * change for w, change in zip(column, changes, strict=True)) ** 2
+        return np.asarray(np.sqrt(variance))
+
+
+def uncertain_parameters(effects: tuple[Effect, ...]) -> list[tuple[int, str]]:
+    """(index of the effect, name of the parameter) of all that have a standard error, in the model's order."""
+    return [
+        (k, name)
+        for k, effect in enumerate(effects)
+        for name in effect.parameters
+        if effect.std_errors.get(name, 0) > 0
+    ]
+
+
+def _changes(model: Model, q: Array, dq: Array, ddq: Array, time: Array | None) -> list[Array]:
+    """Change of the prediction (T, n) [N m] with one standard error of each uncertain parameter."""
+    out = []
+    for k, name in uncertain_parameters(model.effects):
+        effect = model.effects[k]
+        step = effect.std_errors[name]
+        sides = []
+        for sign in (1.0, -1.0):
+            moved = replace(effect, parameters={**effect.parameters, name: effect.parameters[name] + sign * step})
+            changed = Model(model.robot, (*model.effects[:k], moved, *model.effects[k + 1 :]))
+            sides.append(changed.predict(q, dq, ddq, time))
+        out.append(0.5 * (sides[0] - sides[1]))
+    return out
+
+
+def uncertainty_from(value: Mapping[str, Any]) -> Uncertainty:
+    """From the block ``uncertainty`` of ``model.json``."""
+    correlation = value.get("correlation")
+    return Uncertainty(
+        np.asarray(value["residual"], float), None if correlation is None else np.asarray(correlation, float)
+    )

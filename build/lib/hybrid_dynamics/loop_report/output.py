@@ -1,0 +1,45 @@
+"""What a closed loop leaves behind: ``diagnosis.json``, ``model.json``, ``report.html``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hybrid_dynamics.files import write_text
+from hybrid_dynamics.loop.close import LoopResult
+from hybrid_dynamics.loop.diagnosis import write_diagnosis
+from hybrid_dynamics.loop.model import save_model
+from hybrid_dynamics.loop_report.report import report_html
+
+RESULT_FILES = ("diagnosis.json", "model.json", "report.html")
+
+
+def write_result(folder: Path, result: LoopResult, provenance: Mapping[str, Any] | None = None) -> None:
+    """Write the three files to ``folder``, each atomically; the diagnosis last, so that its presence means all."""
+    page = report_html(result)
+    diagnosis = dict(result.diagnosis)
+    record: dict[str, Any] = {"uncertainty": {"residual": _residual(diagnosis)}}
+    if provenance is not None:
+        diagnosis["provenance"] = dict(provenance)
+        record["provenance"] = dict(provenance)
+    save_model(folder / "model.json", result.model, record)
+    write_text(folder / "report.html", page)
+    write_diagnosis(folder / "diagnosis.json", diagnosis)
+
+
+def is_result(folder: Path) -> bool:
+    """Whether ``folder`` holds what :func:`write_result` leaves behind."""
+    try:
+        value = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(value, dict) and {"schema", "robot", "verdict"} <= set(value)
+
+
+def _residual(diagnosis: Mapping[str, Any]) -> list[float]:
+    """(n,) [N m] by which the completed model is off on held-out runs, at least the noise floor."""
+    test = diagnosis["error"]["test"]
+    left = test.get("after_confirmed", test["after"])["rmse"]
+    return [max(float(a), float(b)) for a, b in zip(left, diagnosis["noise_floor"], strict=True)]

@@ -1,0 +1,120 @@
+"""Uneven time stamps to a uniform grid, for every reader.
+
+One interpolation serves all signals, because it is linear in the data: torque and regressors then see the same small
+distortion, which cancels. A cubic spline over the recorded stamps is accurate to fourth order in the step and needs no
+assumption on the noise. (A monotone cubic cannot overshoot, but cuts off every peak that falls into a gap: 20 times the
+error at 10 % lost samples.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from hybrid_dynamics.errors import require
+from hybrid_dynamics.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Notify = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class ResampleSettings:
+    """``dt`` [s] of the grid (0: the median step of the recording).
+
+    Gaps up to ``max_gap`` [s] or ``max_gap_samples`` steps, whichever is longer, are interpolated; the run is split at
+    longer ones. A part shorter than ``min_rows`` rows is left out. Stamps within ``uniform_tolerance`` steps of a
+    uniform grid count as uniform: then no value is changed.
+    """
+
+    dt: float = 0.0
+    max_gap: float = 0.05
+    max_gap_samples: int = 5
+    min_rows: int = 50
+    uniform_tolerance: float = 0.02
+
+    def __post_init__(self) -> None:
+        require(0 <= self.dt < 0.5, f"resample.dt is {self.dt}; expected seconds in [0, 0.5), 0 for automatic")
+        require(self.max_gap >= 0, f"resample.max_gap is {self.max_gap}; expected seconds >= 0")
+        require(self.max_gap_samples >= 1, f"resample.max_gap_samples is {self.max_gap_samples}; expected >= 1")
+        require(self.min_rows >= 4, f"resample.min_rows is {self.min_rows}; expected >= 4")
+        require(
+            0 <= self.uniform_tolerance < 0.5,
+            f"resample.uniform_tolerance is {self.uniform_tolerance}; expected steps in [0, 0.5)",
+        )
+
+
+def find_gaps(time: Array, settings: ResampleSettings) -> NDArray[np.int64]:
+    """Rows k (0-based) after which the step to row k+1 is too long to interpolate."""
+    steps = np.diff(time)
+    limit = max(settings.max_gap, settings.max_gap_samples * float(np.median(steps)))
+    return np.flatnonzero(steps > limit * (1 + 1e-9))
+
+
+def uniform_step(time: Array, settings: ResampleSettings) -> float | None:
+    """The step [s] of stamps (T,) that are uniform but for rounding; None where they are not."""
+    count = len(time) - 1
+    dt = (time[-1] - time[0]) / count
+    off = np.abs(time - time[0] - dt * np.arange(count + 1)).max()
+    return float(dt) if off <= settings.uniform_tolerance * dt else None
+
+
+def resample(
+    trajectory: Trajectory, settings: ResampleSettings | None = None, notify: Notify | None = None
+) -> list[Trajectory]:
+    """``trajectory`` (strictly increasing stamps) on a uniform grid; several parts where gaps are too long.
+
+    A run in one part keeps its name; parts are called ``name.part1``, ``name.part2`` ... ``notify`` is told the grid
+    and every gap.
+    """
+    settings = settings or ResampleSettings()
+    tell = notify or (lambda message: None)
+    cuts = find_gaps(trajectory.time, settings)
+    bounds = np.concatenate([[0], cuts + 1, [len(trajectory.time)]])
+    dt = settings.dt or round(float(np.median(np.diff(trajectory.time))), 9)
+    for k in cuts:
+        start, end = trajectory.time[k], trajectory.time[k + 1]
+        tell(
+            f"{trajectory.name}: no samples for {end - start:.3g} s after t = {start:.6g} s (row {k + 1}), too long to "
+            f"interpolate (more than {settings.max_gap:g} s and {settings.max_gap_samples} samples): run split there"
+        )
+    parts: list[Trajectory] = []
+    for first, last in pairwise(bounds):
+        if len(cuts) and last - first < settings.min_rows:
+            tell(
+                f"{trajectory.name}: rows {first + 1} to {last} left out (fewer than {settings.min_rows} in one piece)"
+            )
+            continue
+        parts.append(_on_grid(trajectory.rows(slice(first, last)), dt, settings, tell))
+    if len(parts) > 1:
+        parts = [
+            Trajectory(f"{part.name}.part{i}", part.split, part.time, part.signals) for i, part in enumerate(parts, 1)
+        ]
+    return parts
+
+
+def _on_grid(trajectory: Trajectory, dt: float, settings: ResampleSettings, tell: Notify) -> Trajectory:
+    time = trajectory.time
+    uniform = uniform_step(time, settings)
+    if uniform is not None and (not settings.dt or abs(uniform / settings.dt - 1) < settings.uniform_tolerance):
+        # Rounded stamps of an even clock: the clock is the better time, the values stay as recorded.
+        grid = time[0] + uniform * np.arange(len(time))
+        return Trajectory(trajectory.name, trajectory.split, grid, trajectory.signals)
+    steps = np.diff(time)
+    grid = time[0] + dt * np.arange(int(np.floor((time[-1] - time[0]) / dt + 1e-9)) + 1)
+    filled = int(np.sum(steps > 1.5 * np.median(steps)))
+    tell(
+        f"{trajectory.name}: uneven time stamps (steps {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms): "
+        f"resampled to {1 / dt:.6g} Hz, {len(time)} -> {len(grid)} rows"
+        + (f", {filled} gaps of up to {1e3 * steps.max():.3g} ms interpolated" if filled else "")
+    )
+    names = list(trajectory.signals)
+    stacked = np.concatenate([trajectory[name] for name in names], axis=1)
+    values = CubicSpline(time, stacked)(grid)
+    pieces = np.split(values, len(names), axis=1)
+    return Trajectory(trajectory.name, trajectory.split, grid, dict(zip(names, pieces, strict=True)))

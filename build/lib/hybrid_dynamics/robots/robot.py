@@ -1,0 +1,163 @@
+"""A robot with n joints: rigid-body torques, regressor and forward dynamics, vectorised over samples.
+
+All arrays are (T, n) in the robot's joint order (the order of the URDF file), SI units. Torque is what the drive
+delivers, positive along the joint axis.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.robots.regressor import regressor_of_samples
+from hybrid_dynamics.robots.urdf import lock_joints, movable_joints
+from hybrid_dynamics.types import Array
+
+
+@dataclass(frozen=True)
+class RigidBodyTorques:
+    """M(q)ddq, C(q,dq)dq and g(q), each (T, n) [N m]."""
+
+    inertia: Array
+    coriolis: Array
+    gravity: Array
+
+    @property
+    def total(self) -> Array:
+        return self.inertia + self.coriolis + self.gravity
+
+
+class Robot:
+    """Rigid-body dynamics of a fixed-base arm.
+
+    ``model`` is the Pinocchio model; a caller that changes it (armature, inertia, gravity) works on :meth:`copy`.
+
+    >>> from hybrid_dynamics import Robot
+    >>> robot = Robot.from_urdf("robot.urdf")
+    >>> robot.joint_names
+    ('shoulder', 'elbow')
+    >>> still = [0.0, 0.0]
+    >>> robot.inverse_dynamics([0.0, 0.0], still, still).round(2) + 0.0  # the arm stands upright
+    array([[0., 0.]])
+    """
+
+    def __init__(self, model: pin.Model, joint_names: tuple[str, ...], name: str) -> None:
+        self.model = model
+        self.joint_names = joint_names
+        self.name = name
+        ids = [model.getJointId(joint) for joint in joint_names]
+        #: Pinocchio joint id of each joint, in the robot's order.
+        self.joint_ids: tuple[int, ...] = tuple(ids)
+        self._v = np.array([model.idx_vs[i] for i in ids])
+        self._q = np.array([model.idx_qs[i] for i in ids])
+        self._unbounded = np.array([model.nqs[i] == 2 for i in ids])
+
+    @classmethod
+    def from_urdf(cls, path: str | os.PathLike[str], lock: tuple[str, ...] = ()) -> Robot:
+        """Read a URDF; ``lock`` fixes joints at zero. Raises :class:`InputError` naming what is wrong with the file."""
+        return cls.from_text(lock_joints(path, lock), str(path))
+
+    @classmethod
+    def from_text(cls, text: str, origin: str) -> Robot:
+        """Read URDF text; ``origin`` names it in errors."""
+        root = ET.fromstring(text)
+        try:
+            model = pin.buildModelFromXML(text)
+        except (ValueError, RuntimeError) as error:
+            raise InputError(f"{origin}: Pinocchio cannot build a model from it ({error})") from None
+        return cls(model, tuple(movable_joints(root)), root.get("name") or Path(origin).stem)
+
+    @property
+    def n_joints(self) -> int:
+        return len(self.joint_names)
+
+    @property
+    def position_limits(self) -> tuple[Array, Array]:
+        """Lower and upper joint limits (n,) [rad]; infinite for continuous joints."""
+        low, high = np.full(self.n_joints, -np.inf), np.full(self.n_joints, np.inf)
+        bounded = ~self._unbounded
+        low[bounded] = self.model.lowerPositionLimit[self._q[bounded]]
+        high[bounded] = self.model.upperPositionLimit[self._q[bounded]]
+        return low, high
+
+    @property
+    def velocity_limits(self) -> Array:
+        """(n,) [rad/s]."""
+        return np.asarray(self.model.upperVelocityLimit)[self._v].copy()
+
+    @property
+    def effort_limits(self) -> Array:
+        """(n,) [N m], the rated torque."""
+        return np.asarray(self.model.upperEffortLimit)[self._v].copy()
+
+    def copy(self) -> Robot:
+        """An independent robot whose ``model`` may be changed."""
+        return Robot(self.model.copy(), self.joint_names, self.name)
+
+    def _configuration(self, q: Array) -> Array:
+        """Pinocchio's (nq, T) configuration of joint angles (T, n); continuous joints become cosine and sine."""
+        out = np.zeros((self.model.nq, len(q)))
+        plain = ~self._unbounded
+        out[self._q[plain]] = q[:, plain].T
+        for j in np.flatnonzero(self._unbounded):
+            out[self._q[j]], out[self._q[j] + 1] = np.cos(q[:, j]), np.sin(q[:, j])
+        return out
+
+    def _tangent(self, values: Array) -> Array:
+        out = np.zeros((self.model.nv, len(values)))
+        out[self._v] = values.T
+        return out
+
+    def _per_joint(self, values: Array) -> Array:
+        # Pinocchio returns a flat array for one sample or one joint.
+        return np.asarray(values).reshape(self.model.nv, -1)[self._v].T.copy()
+
+    def _check(self, *arrays: Array) -> tuple[Array, ...]:
+        out = tuple(np.atleast_2d(np.asarray(a, float)) for a in arrays)
+        for a in out:
+            if a.shape[1] != self.n_joints:
+                raise InputError(f"robot {self.name} has {self.n_joints} joints; the data has {a.shape[1]}")
+        return out
+
+    def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Rigid-body torque (T, n) [N m] by the recursive Newton-Euler algorithm (armature included)."""
+        q, dq, ddq = self._check(q, dq, ddq)
+        pool = pin.ModelPool(self.model, 1)
+        torque = pin.rneaInParallel(1, pool, self._configuration(q), self._tangent(dq), self._tangent(ddq))
+        return self._per_joint(torque)
+
+    def rigid_body_torques(self, q: Array, dq: Array, ddq: Array) -> RigidBodyTorques:
+        """Split the rigid-body torque into M(q)ddq, C(q,dq)dq and g(q) by three Newton-Euler passes."""
+        q, dq, ddq = self._check(q, dq, ddq)
+        zero = np.zeros_like(q)
+        gravity = self.inverse_dynamics(q, zero, zero)
+        coriolis = self.inverse_dynamics(q, dq, zero) - gravity
+        inertia = self.inverse_dynamics(q, zero, ddq) - gravity
+        return RigidBodyTorques(inertia, coriolis, gravity)
+
+    def forward_dynamics(self, q: Array, dq: Array, tau: Array) -> Array:
+        """Acceleration (T, n) [rad/s^2] under joint torque ``tau``, by the articulated-body algorithm."""
+        q, dq, tau = self._check(q, dq, tau)
+        pool = pin.ModelPool(self.model, 1)
+        ddq = pin.abaInParallel(1, pool, self._configuration(q), self._tangent(dq), self._tangent(tau))
+        return self._per_joint(ddq)
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Inertial regressor Y (T, n, 10 n) with Y pi = rigid-body torque without armature [N m].
+
+        ``pi`` stacks, per moving body in joint order, Pinocchio's ten parameters: mass, first moments (3), inertia
+        about the joint frame's origin xx xy yy xz yz zz (see :attr:`inertial_parameters`).
+        """
+        q, dq, ddq = self._check(q, dq, ddq)
+        return regressor_of_samples(self.model, self.joint_ids, q, dq, ddq)
+
+    @property
+    def inertial_parameters(self) -> Array:
+        """(10 n,) the parameters that :meth:`regressor` multiplies."""
+        return np.concatenate([self.model.inertias[i].toDynamicParameters() for i in self.joint_ids])

@@ -1,0 +1,110 @@
+"""Where the files of a dataset are (relative to the project's root)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+REPORTS = Path("reports")
+RAW = Path("data/raw")
+#: Columns of ``loop.csv`` and of every ``models/loop/steps.csv``.
+LOOP_COLUMNS = (
+    "dataset",
+    "provenance",
+    "step",
+    "effect",
+    "effect_joints",
+    "split",
+    "trajectory",
+    "joint",
+    "rmse_before",
+    "rmse_after",
+)
+#: The trajectory name under which errors over all runs of a split stand.
+POOL = "all"
+
+
+@dataclass(frozen=True)
+class DatasetFiles:
+    """Paths below ``data/<dataset>/``; see docs/architecture.md for who writes what."""
+
+    dataset: str
+    root: Path = Path()
+
+    @property
+    def folder(self) -> Path:
+        return self.root / "data" / self.dataset
+
+    @property
+    def source(self) -> Path:
+        return self.folder / "source"
+
+    @property
+    def robot(self) -> Path:
+        return self.folder / "robot.urdf"
+
+    @property
+    def trajectories(self) -> Path:
+        return self.folder / "trajectories.parquet"
+
+    @property
+    def derivatives(self) -> Path:
+        return self.folder / "derivatives.parquet"
+
+    @property
+    def derivative_errors(self) -> Path:
+        return self.folder / "derivative_errors.csv"
+
+    @property
+    def features(self) -> Path:
+        return self.folder / "features.parquet"
+
+    @property
+    def factor(self) -> Path:
+        return self.folder / "factor.safetensors"
+
+    @property
+    def errors(self) -> Path:
+        return self.folder / "errors.parquet"
+
+    @property
+    def predictions(self) -> Path:
+        return self.folder / "predictions.parquet"
+
+    def model(self, method: str) -> Path:
+        return self.folder / "models" / method
+
+    def timing(self, method: str) -> Path:
+        return self.folder / "timing" / f"{method}.json"
+
+    @property
+    def questions(self) -> Path:
+        return self.folder / "questions"
+
+
+@dataclass(frozen=True)
+class BlindFiles:
+    """Blind cases on the robot of ``dataset``: ``truth`` lies apart, for the stage score_blind alone."""
+
+    dataset: str
+    root: Path = Path()
+
+    @property
+    def folder(self) -> Path:
+        return self.root / "data" / "blind" / self.dataset
+
+    @property
+    def logs(self) -> Path:
+        return self.folder / "logs"
+
+    @property
+    def diagnoses(self) -> Path:
+        return self.folder / "diagnoses"
+
+    @property
+    def scores(self) -> Path:
+        return self.folder / "scores.csv"
+
+    @property
+    def truth(self) -> Path:
+        return self.root / "data" / "blind_truth" / f"{self.dataset}.json"
