@@ -1,0 +1,158 @@
+"""Plausibility before physics: what ``close-loop`` looks at before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.check.content import check_rate
+from hybrid_dynamics.check.duplicates import check_duplicates
+from hybrid_dynamics.check.findings import Finding, ordered, refuse_hard
+from hybrid_dynamics.check.glitches import describe, repair
+from hybrid_dynamics.check.limits import check_angles, check_limits
+from hybrid_dynamics.check.torque import check_torque
+from hybrid_dynamics.check.velocity import check_velocity
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+class Completed(Protocol):
+    """A model whose rigid body may differ from the URDF's."""
+
+    @property
+    def completed_robot(self) -> Robot: ...
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Runs without their glitches and without a velocity that is none; what was found, worst first; ``gravity`` (3,)
+    [m/s^2] in the base frame as the training torque has it."""
+
+    train: tuple[Trajectory, ...]
+    test: tuple[Trajectory, ...]
+    findings: tuple[Finding, ...]
+    gravity: Array
+
+    @property
+    def notes(self) -> list[str]:
+        """One line a finding."""
+        return [f.line for f in self.findings]
+
+
+def check_before_fit(robot: Robot | Completed, runs: Sequence[Trajectory]) -> list[Finding]:
+    """Findings on ``runs`` (``q tau``, perhaps ``dq``), worst first; :class:`InputError` for hard ones."""
+    return list(checked(robot, runs, ()).findings)
+
+
+def checked(
+    robot: Robot | Completed, train: Sequence[Trajectory], test: Sequence[Trajectory], refuse: bool = True
+) -> Checked:
+    """Look at training and test runs on uniform grids; mend what is mended without a doubt.
+
+    With ``refuse`` hard findings raise :class:`InputError`; without, they are among the findings. Signals that are
+    missing or of another robot are refused in any case.
+    """
+    body = robot if isinstance(robot, Robot) else robot.completed_robot
+    check_shape(body, [*train, *test])
+    findings: list[Finding] = []
+    mended: list[Trajectory] = []
+    for run in [*train, *test]:
+        clean, found = repair(run)
+        findings += describe(run.name, found, body.joint_names, len(run.time))
+        mended.append(clean)
+    findings += _not_finite(mended)
+    _stop(findings, refuse)
+    findings += check_angles(body, mended)
+    if any(f.severity == "hard" for f in findings):
+        _stop(findings, refuse)
+        return Checked(tuple(mended[: len(train)]), tuple(mended[len(train) :]), tuple(ordered(findings)), _level(body))
+    first, second = mended[: len(train)], mended[len(train) :]
+    findings += check_duplicates(first, second)
+    findings += check_rate(first)
+    findings += check_rate(second)
+    gravity = _level(body)
+    for part in (first, second):
+        if not part:
+            continue
+        findings += check_limits(body, part)
+        velocity = check_velocity(body.joint_names, part)
+        findings += velocity
+        if any(f.code == "dq_zero" for f in velocity):
+            part[:] = [_without_velocity(run) for run in part]
+        of_torque, found_gravity = _torque(body, part)
+        findings += of_torque
+        gravity = found_gravity if part is first else gravity
+    findings = _once(findings)
+    _stop(findings, refuse)
+    return Checked(tuple(first), tuple(second), tuple(ordered(findings)), gravity)
+
+
+def check_shape(robot: Robot, runs: Sequence[Trajectory]) -> None:
+    """Raise :class:`InputError` for signals that are missing, of another robot, without torque; for names given twice."""
+    for run in runs:
+        for signal in ("q", "tau"):
+            if signal not in run:
+                raise InputError(
+                    f"run {run.name}: no signal {signal!r}; expected {signal}1 to {signal}{robot.n_joints}"
+                )
+        if run.n_joints != robot.n_joints:
+            raise InputError(
+                f"run {run.name}: holds {run.n_joints} joints; robot {robot.name} has {robot.n_joints}; give the "
+                "matching URDF or lock joints"
+            )
+        if len(run.time) < 2:
+            raise InputError(f"run {run.name}: holds {len(run.time)} samples; record a longer run")
+        tau = np.where(np.isfinite(run["tau"]), run["tau"], 0.0)
+        if not np.any(np.ptp(tau, axis=0) > 0):
+            raise InputError(f"run {run.name}: all torques are constant; expected measured joint torques in N m")
+    names = [run.name for run in runs]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"run {name}: the name is given twice; give every run its own file name")
+
+
+def _not_finite(runs: Sequence[Trajectory]) -> list[Finding]:
+    return [
+        Finding("not_finite", "hard", f"{signal} holds values that are not finite; repair the log", run=run.name)
+        for run in runs
+        for signal in run.signals
+        if not np.isfinite(run[signal]).all()
+    ]
+
+
+def _torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding], Array]:
+    """All runs together, then those alone that the others may have outvoted."""
+    findings, gravity = check_torque(robot, runs)
+    if len(runs) > 1 and not any(f.severity == "hard" for f in findings):
+        for run in runs:
+            alone, _ = check_torque(robot, [run])
+            findings += [replace(f, run=run.name) for f in alone if f.severity == "hard"]
+    return findings, gravity
+
+
+def _without_velocity(run: Trajectory) -> Trajectory:
+    return replace(run, signals={s: x for s, x in run.signals.items() if s != "dq"})
+
+
+def _level(robot: Robot) -> Array:
+    return np.asarray(robot.model.gravity.linear, float).copy()
+
+
+def _once(findings: Sequence[Finding]) -> list[Finding]:
+    """Without those that say the same of training and test runs."""
+    out: dict[tuple[str, str, str, str], Finding] = {}
+    for f in findings:
+        out.setdefault((f.code, f.run, f.joint, f.text), f)
+    return list(out.values())
+
+
+def _stop(findings: Sequence[Finding], refuse: bool) -> None:
+    if refuse:
+        refuse_hard(findings)

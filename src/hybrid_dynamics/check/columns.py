@@ -1,0 +1,63 @@
+"""What a rigid robot of unknown mounting would need: torque of the motion, and of gravity along each base axis.
+
+Newton-Euler torque is linear in the vector of gravity, so three passes with gravity along x, y and z give the gravity
+torque for every way the base can stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.check.samples import Stretch, direction
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class Columns:
+    """``motion`` (K, n) [N m]: inertia, Coriolis and what the model has beyond the rigid body; ``gravity`` (K, n, 3):
+    torque for gravity of 1 m/s^2 along x, y, z of the base; ``dq ddq sign tau`` (K, n)."""
+
+    motion: Array
+    gravity: Array
+    dq: Array
+    ddq: Array
+    sign: Array
+    tau: Array
+
+    def free(self, j: int) -> Array:
+        """(K, 4) columns of joint ``j`` that a rigid body does not determine: friction, rotor, offset."""
+        return np.column_stack([self.dq[:, j], self.sign[:, j], self.ddq[:, j], np.ones(len(self.dq))])
+
+
+def columns_of(
+    robot: Robot, parts: Sequence[Stretch], swap: tuple[int, int] | None = None, mirror: int | None = None
+) -> Columns:
+    """Columns along all of ``parts``; first ``swap`` exchanges the positions of two joints (0-based), ``mirror`` turns
+    the sign of one joint's position."""
+    order = np.arange(robot.n_joints)
+    if swap is not None:
+        order[list(swap)] = order[list(reversed(swap))]
+    q, dq, ddq, tau = (np.concatenate([getattr(p, s) for p in parts]) for s in ("q", "dq", "ddq", "tau"))
+    turn = np.where(np.arange(robot.n_joints) == (-1 if mirror is None else mirror), -1.0, 1.0)
+    q, dq, ddq = (turn * x[:, order] for x in (q, dq, ddq))
+    free = robot.copy()
+    free.model.gravity.linear = np.zeros(3)
+    motion = free.inverse_dynamics(q, dq, ddq)
+    gravity = np.empty((*q.shape, 3))
+    zero = np.zeros_like(q)
+    for k in range(3):
+        free.model.gravity.linear = np.eye(3)[k]
+        gravity[:, :, k] = free.inverse_dynamics(q, zero, zero)
+    return Columns(motion, gravity, dq, ddq, direction(dq), tau)
+
+
+def standing(robot: Robot) -> Array:
+    """Gravity (3,) [m/s^2] in the base frame as the model has it."""
+    return np.asarray(robot.model.gravity.linear, float).copy()

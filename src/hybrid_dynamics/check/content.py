@@ -1,0 +1,151 @@
+"""What is in a log: rate, gaps, jitter, held and clipped samples, steps of the converters, joints that stand still."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.check.findings import Finding
+from hybrid_dynamics.check.samples import CUTOFF_SHARE
+from hybrid_dynamics.differentiate.butterworth import lowpass
+from hybrid_dynamics.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: Range [rad or m] that a joint must cover to count as moving.
+MOVING = 0.02
+#: Slowest log [Hz] that is looked at; share of the speed's power beyond what the log resolves: doubted, refused.
+SLOWEST, FAST_DOUBTED, FAST_REFUSED = 10.0, 0.05, 0.2
+#: A log is fast enough for any arm from here on [Hz].
+FAST_ENOUGH = 50.0
+#: Independent samples (two per period of the cut-off) below which nothing can be told, and little.
+FEWEST, FEW = 60, 300
+#: Largest cut-off [Hz] of the loop's own filters.
+CUTOFF = 25.0
+#: Share of the samples at one extreme value that is no coincidence, and how many in a row.
+CLIPPED_SHARE, CLIPPED_ROW = 0.005, 5
+
+
+def check_content(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
+    """Findings on one run as it was recorded (``q``, ``tau``, perhaps ``dq``; stamps as they are)."""
+    steps = np.diff(run.time)
+    dt = run.dt
+    span = float(run.time[-1] - run.time[0])
+    out = [
+        Finding(
+            "summary",
+            "note",
+            f"{len(run.time)} samples, {span:.3g} s at {1 / dt:.4g} Hz, signals {', '.join(run.signals)}",
+            run=run.name,
+        )
+    ]
+    jitter = float(np.percentile(np.abs(steps - dt), 99)) / dt
+    if jitter > 0.1:
+        text = (
+            f"time stamps jitter by {jitter:.0%} of a step (steps {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} "
+            "ms); the log is resampled; where the controller is periodic, its own clock would be better"
+        )
+        out.append(Finding("jitter", "note", text, run=run.name))
+    missing = steps > 1.5 * dt
+    if missing.any():
+        lost = int(np.round(steps[missing] / dt - 1).sum())
+        text = (
+            f"{int(missing.sum())} gaps, about {lost} samples lost, the longest {steps.max():.3g} s after t = "
+            f"{run.time[int(np.argmax(steps))]:.4g} s: short ones are interpolated, the run is split at long ones"
+        )
+        out.append(Finding("gaps", "warning" if lost > 0.05 * len(run.time) else "note", text, run=run.name))
+    for j, joint in enumerate(joint_names):
+        out += _joint(run, j, joint)
+    return out
+
+
+def _joint(run: Trajectory, j: int, joint: str) -> list[Finding]:
+    q = run["q"][:, j]
+    if np.ptp(q) < MOVING:
+        text = f"stands still (range {np.ptp(q):.2g}): nothing can be found out about its own friction"
+        return [Finding("still", "note", text, run=run.name, joint=joint)]
+    out = []
+    for signal in (s for s in ("q", "tau") if s in run):
+        out += _steps(run, signal, j, joint)
+    if "tau" in run:
+        tau = run["tau"][:, j]
+        for extreme in (tau.max(), tau.min()):
+            at = np.abs(tau - extreme) <= 1e-9 * max(abs(extreme), 1e-9)
+            longest = _longest(at)
+            if np.ptp(tau) > 0 and at.mean() > CLIPPED_SHARE and longest >= CLIPPED_ROW and abs(extreme) > 0:
+                text = (
+                    f"tau{j + 1} stays at its extreme value {extreme:.4g} N m for {longest} samples ({at.mean():.1%} in "
+                    "all): it is clipped there; leave those stretches out or record with less torque"
+                )
+                out.append(Finding("saturation", "warning", text, run=run.name, joint=joint))
+    return out
+
+
+def _steps(run: Trajectory, signal: str, j: int, joint: str) -> list[Finding]:
+    """Coarse converters, and samples that only repeat the last one."""
+    x = run[signal][:, j]
+    changes = np.abs(np.diff(x))
+    held = float(np.mean(changes == 0))
+    moved = changes[changes > 0]
+    if len(moved) < 20:
+        return []
+    step = float(np.percentile(moved, 2))
+    whole = np.abs(moved / step - np.round(moved / step)) < 0.02
+    unit = "N m" if signal == "tau" else "rad"
+    if whole.mean() > 0.98 and np.ptp(x) < 100 * step:
+        text = (
+            f"{signal}{j + 1} knows only {np.ptp(x) / step + 1:.0f} values, {step:.3g} {unit} apart: a coarse converter"
+        )
+        return [Finding("coarse", "note", text, run=run.name, joint=joint)]
+    speed = np.abs(np.diff(run["q"][:, j]))
+    fast = speed > np.percentile(speed, 50)
+    again = float(np.mean(changes[fast] == 0)) if fast.any() else 0.0
+    if held > 0.3 and again > 0.3:
+        text = (
+            f"{signal}{j + 1} repeats its last value in {held:.0%} of the samples, also in motion: the log is faster than "
+            "what it records; log at the source's own rate"
+        )
+        return [Finding("held", "warning", text, run=run.name, joint=joint)]
+    return []
+
+
+def _longest(flags: NDArray[np.bool_]) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def check_rate(runs: Sequence[Trajectory]) -> list[Finding]:
+    """Is the log fast enough for its motion, and long enough? ``runs`` on uniform grids."""
+    out = []
+    for run in runs:
+        rate = 1.0 / run.dt
+        if rate < SLOWEST:
+            text = f"{rate:.3g} Hz is too slow for dynamics; expected at least {SLOWEST:g} Hz, better 100 Hz or more"
+            out.append(Finding("too_slow", "hard", text, run=run.name))
+            continue
+        if rate >= FAST_ENOUGH or len(run.time) < 40:
+            continue
+        speed = np.gradient(run["q"], run.dt, axis=0)
+        power = speed.var(axis=0)
+        resolved = lowpass(speed, run.dt, CUTOFF_SHARE * rate)
+        beyond = (speed - resolved).var(axis=0)[power > 1e-6] / power[power > 1e-6]
+        share = float(np.median(beyond)) if len(beyond) else 0.0
+        if share > FAST_DOUBTED:
+            text = (
+                f"{rate:.3g} Hz is too slow for this motion: {share:.0%} of the speed's power lies beyond the "
+                f"{CUTOFF_SHARE * rate:.2g} Hz that can be used; log at {max(100.0, 10 * rate):.0f} Hz or move slower"
+            )
+            out.append(Finding("too_slow", "hard" if share > FAST_REFUSED else "warning", text, run=run.name))
+    samples = sum(
+        2 * min(CUTOFF, CUTOFF_SHARE / run.dt) * float(run.time[-1] - run.time[0]) for run in runs if len(run.time) > 1
+    )
+    if not out and samples < FEW:
+        seconds = sum(float(run.time[-1] - run.time[0]) for run in runs)
+        text = (
+            f"{seconds:.3g} s of log hold about {samples:.0f} independent samples; expected at least {FEWEST}, better some "
+            "thousand: record longer runs"
+        )
+        out.append(Finding("too_short", "hard" if samples < FEWEST else "warning", text))
+    return out

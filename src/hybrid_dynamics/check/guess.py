@@ -1,0 +1,137 @@
+"""Which reading of the log explains its torque best: gravity, signs, order of the columns, pace of the clock.
+
+Each departure from "as it says" has a price, so that a sign is called wrong only where no direction of gravity and no
+order of the joints explains the torque nearly as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from hybrid_dynamics.check.columns import columns_of
+from hybrid_dynamics.check.forms import Forms
+from hybrid_dynamics.check.samples import Stretch
+from hybrid_dynamics.robots import Robot
+
+Array = NDArray[np.float64]
+
+#: Prices, in units of the natural logarithm of a joint's mean square: one sign, another order (for each column that is
+#: not in its place), another mounting, another clock.
+SIGN, PLACE, MOUNTING, PACE = 0.7, 0.7, 0.7, 1.0
+#: A mounting within this angle [rad] of the model's is the model's (small tilts are for the loop to name).
+SAME_MOUNTING = np.deg2rad(15.0)
+#: What a clock may be wrong by: true speed over recorded speed.
+PACES = (1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3)
+#: Rows on which exchanged positions are tried, and the share a joint must leave unexplained before they are.
+SWAP_ROWS, UNEXPLAINED = 2000, 0.3
+
+
+@dataclass(frozen=True)
+class Guess:
+    """``gravity`` (3,) in the base frame; per joint ``sign`` and ``source`` (which torque column is its own);
+    ``swap``: two joints whose positions are exchanged; ``mirror``: the joint whose position has the wrong sign;
+    ``pace``: true speed over recorded speed. ``scores`` per joint, ``total``: their sum and all prices."""
+
+    gravity: Array
+    sign: tuple[int, ...]
+    source: tuple[int, ...]
+    swap: tuple[int, int] | None
+    mirror: int | None
+    pace: float
+    scores: tuple[float, ...]
+    price: float
+
+    @property
+    def total(self) -> float:
+        return sum(self.scores) + self.price
+
+
+def best_guess(robot: Robot, parts: Sequence[Stretch], forms: Forms, gravity: Array) -> tuple[Guess, Guess]:
+    """The log as it says, and the guess with the least total (the same object where nothing is better)."""
+    n = forms.n
+    identity = tuple(range(n))
+    scores = tuple(forms.fit(j, gravity).score for j in range(n))
+    told = Guess(gravity, (1,) * n, identity, None, None, 1.0, scores, 0.0)
+    size = float(np.linalg.norm(gravity))
+    gravities = [gravity]
+    if size > 1.0:
+        gravities += [g for g in forms.search_gravity(size) if angle(g, gravity) > SAME_MOUNTING]
+    guesses = [told]
+    for g in gravities:
+        guesses += [_assigned(forms, told, g, identity), _assigned(forms, told, g, None)]
+    guesses += [_paced(forms, told, pace) for pace in PACES]
+    best = min(guesses, key=lambda guess: guess.total)
+    if np.exp(max(best.scores)) > UNEXPLAINED and n > 1:
+        best = min([best, *_rearranged(robot, parts, told, best)], key=lambda guess: guess.total)
+    return told, best
+
+
+def angle(a: Array, b: Array) -> float:
+    """Angle [rad] between two vectors."""
+    cosine = float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _assigned(forms: Forms, told: Guess, gravity: Array, source: tuple[int, ...] | None) -> Guess:
+    """Best signs under ``gravity``; where ``source`` is None, best order of the torque columns too."""
+    n = forms.n
+    cost, sign = np.zeros((n, n)), np.ones((n, n), int)
+    for j in range(n):
+        for k in range(n) if source is None else (source[j],):
+            plus, minus = forms.fit(j, gravity, k).score, forms.fit(j, gravity, k, -1).score + SIGN
+            cost[j, k], sign[j, k] = min(plus, minus), 1 if plus <= minus else -1
+    if source is None:
+        _, chosen = linear_sum_assignment(cost + PLACE * (1 - np.eye(n)))
+        source = tuple(int(k) for k in chosen)
+    signs = tuple(int(sign[j, source[j]]) for j in range(n))
+    flipped, moved = signs.count(-1), sum(j != k for j, k in enumerate(source))
+    price = SIGN * flipped + PLACE * moved + (0.0 if gravity is told.gravity else MOUNTING)
+    scores = tuple(cost[j, source[j]] - SIGN * (signs[j] < 0) for j in range(n))
+    return replace(told, gravity=gravity, sign=signs, source=source, scores=scores, price=price)
+
+
+def _paced(forms: Forms, told: Guess, pace: float) -> Guess:
+    scores = tuple(forms.fit(j, told.gravity, pace=pace).score for j in range(forms.n))
+    return replace(told, pace=pace, scores=scores, price=PACE)
+
+
+def _rearranged(robot: Robot, parts: Sequence[Stretch], told: Guess, best: Guess) -> list[Guess]:
+    """Guesses about positions: two joints' exchanged, or one with the wrong sign; alone or together with the torque.
+
+    They are tried on part of the rows, and their scores put on the footing of all rows by what ``told`` has there.
+    """
+    few = _few_rows(parts)
+    n = robot.n_joints
+    plain = Forms(columns_of(robot, few))
+    here = [plain.fit(j, told.gravity).score for j in range(n)]
+
+    def guess(forms: Forms, source: Sequence[int], sign: Sequence[int], price: float, **what: object) -> Guess:
+        scores = [forms.fit(j, told.gravity, source[j], sign[j]).score for j in range(n)]
+        level = tuple(s - h + t for s, h, t in zip(scores, here, told.scores, strict=True))
+        return replace(told, source=tuple(source), sign=tuple(sign), scores=level, price=price, **what)  # type: ignore[arg-type]
+
+    ones, identity = [1] * n, list(range(n))
+    out = []
+    for pair in combinations(range(n), 2):
+        forms = Forms(columns_of(robot, few, pair))
+        both = list(identity)
+        both[pair[0]], both[pair[1]] = pair[1], pair[0]
+        out += [guess(forms, source, ones, 2 * PLACE, swap=pair) for source in (identity, both)]
+    for j in range(n):
+        forms = Forms(columns_of(robot, few, mirror=j))
+        turned = [-1 if k == j else 1 for k in range(n)]
+        out += [guess(forms, identity, sign, 2 * SIGN, mirror=j) for sign in (ones, turned)]
+    return out
+
+
+def _few_rows(parts: Sequence[Stretch]) -> list[Stretch]:
+    step = max(int(np.ceil(sum(len(p.q) for p in parts) / SWAP_ROWS)), 1)
+    return [
+        Stretch(p.name, p.dt * step, p.cutoff, p.q[::step], p.dq[::step], p.ddq[::step], p.tau[::step]) for p in parts
+    ]

@@ -1,0 +1,62 @@
+"""Does the log fit the robot: positions, speeds and torques against the URDF's limits, degrees taken for radians."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.check.findings import Finding
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: A joint with limits beyond this [rad] is in degrees, or the log is of another robot; one that turns on and on, later.
+MAX_ANGLE, MAX_TURNING = 6 * np.pi, 12 * np.pi
+#: Limits are exceeded by more than this: radians, and shares.
+ANGLE_MARGIN, SPEED_MARGIN, EFFORT_MARGIN = 0.05, 1.1, 1.2
+
+
+def check_angles(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
+    """Hard where positions cannot be radians."""
+    low, high = robot.position_limits
+    bounded = np.isfinite(low) & np.isfinite(high) & (high > low)
+    for run in runs:
+        largest = np.abs(run["q"]).max(axis=0)
+        beyond = np.where(bounded, largest > MAX_ANGLE, largest > MAX_TURNING)
+        outside = bounded & (((run["q"] < low - 1.0) | (run["q"] > high + 1.0)).mean(axis=0) > 0.1)
+        as_degrees = np.deg2rad(run["q"])
+        fits = ((as_degrees >= low - ANGLE_MARGIN) & (as_degrees <= high + ANGLE_MARGIN)).all(axis=0)
+        degrees = outside.sum() > 0.5 * bounded.sum() and bool(fits[bounded].all())
+        if beyond.any() or degrees:
+            j = int(np.argmax(np.where(beyond | degrees, largest, 0.0)))
+            text = f"reaches {largest[j]:.4g} rad; expected radians (convert degrees to radians)"
+            cure = {"units": {"q": "deg"}} if fits.all() else {}
+            return [Finding("degrees", "hard", text, run=run.name, joint=robot.joint_names[j], suggestion=cure)]
+    return []
+
+
+def check_limits(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
+    """Where the log goes beyond the limits of the URDF; limits of zero count as not given."""
+    out = []
+    low, high = robot.position_limits
+    speed, effort = robot.velocity_limits, robot.effort_limits
+    for j, name in enumerate(robot.joint_names):
+        q = np.concatenate([run["q"][:, j] for run in runs])
+        if high[j] > low[j] and (q.min() < low[j] - ANGLE_MARGIN or q.max() > high[j] + ANGLE_MARGIN):
+            text = (
+                f"moves from {q.min():.3g} to {q.max():.3g}, beyond the URDF's limits {low[j]:.3g} to {high[j]:.3g}: is "
+                "it this robot, and is its zero position the URDF's?"
+            )
+            out.append(Finding("beyond_limits", "warning", text, joint=name))
+        fastest = max(float(np.percentile(np.abs(np.gradient(run["q"][:, j], run.dt)), 99.5)) for run in runs)
+        if 0 < speed[j] * SPEED_MARGIN < fastest:
+            text = f"moves at {fastest:.3g} rad/s, the URDF's limit is {speed[j]:.3g}: are the time stamps in seconds?"
+            out.append(Finding("beyond_speed", "warning", text, joint=name))
+        largest = max((float(np.abs(run["tau"][:, j]).max()) for run in runs if "tau" in run), default=0.0)
+        if 0 < effort[j] * EFFORT_MARGIN < largest:
+            text = f"torque of {largest:.3g} N m, the URDF's limit is {effort[j]:.3g}: is it N m at the joint?"
+            out.append(Finding("beyond_effort", "warning", text, joint=name))
+    return out

@@ -1,0 +1,269 @@
+"""Does the torque fit the motion? Sign, order of the joints, mounting, clock, unit and delay: measured and said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.check.columns import Columns, columns_of, standing
+from hybrid_dynamics.check.cures import exchanged, reordered, turned
+from hybrid_dynamics.check.delay import Delay, find_delay
+from hybrid_dynamics.check.findings import Finding, Severity
+from hybrid_dynamics.check.forms import FLOOR, Fit, Forms
+from hybrid_dynamics.check.guess import SAME_MOUNTING, Guess, angle, best_guess
+from hybrid_dynamics.check.samples import Stretch, stretches
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: A joint counts as explained where a guess leaves less than this share of its torque's mean square.
+EXPLAINED = 0.6
+#: A guess that gains this much beyond its price (natural logarithm of mean squares) is certain, less is a warning.
+CERTAIN = 0.5
+#: A torque that is this many times too large or small against the model is in another unit.
+MAX_SCALE = 8.0
+#: Joints whose modelled torque reaches this share of the largest have a say about the unit.
+STRONG = 0.15
+#: Delays [s]: told, doubted, refused. Shorter ones are for the loop to name.
+DELAY_TOLD, DELAY_DOUBTED, DELAY_REFUSED = 0.01, 0.03, 0.08
+#: Least gain of a delay (sum of the joints' log mean squares).
+DELAY_GAIN = 0.7
+#: A rotor this many times the inertia of all that its joint moves is none.
+HEAVIEST = 30.0
+#: Units by the power of ten a torque in them is too large.
+_UNITS: dict[int, tuple[str, dict[str, Any]]] = {
+    3: ("N mm", {"units": {"tau": "Nmm"}}),
+    2: ("N cm", {"gain": {"tau": [0.01]}}),
+    -3: ("kN m", {"units": {"tau": "kNm"}}),
+}
+
+
+def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding], Array]:
+    """Findings on the torque of ``runs`` (``q tau`` on uniform grids), and gravity (3,) [m/s^2] in the base frame.
+
+    Gravity is that of ``robot`` where the torque does not say otherwise.
+    """
+    parts = stretches(runs)
+    gravity = standing(robot)
+    if not parts or sum(len(p.q) for p in parts) < 40:
+        return [], gravity
+    columns = columns_of(robot, parts)
+    forms = Forms(columns)
+    told, best = best_guess(robot, parts, forms, gravity)
+    if not _holds(told, best):
+        best = told
+    names = robot.joint_names
+    findings = [*_signs(names, told, best), *_places(names, told, best), *_clock(told, best)]
+    if best.mirror is None and best.swap is None:
+        findings += _mounting(robot, told, best)
+        fits = [forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace) for j in range(forms.n)]
+        findings += _units(names, fits)
+        if best.pace == 1.0:
+            findings += _rotors(robot, parts, forms, best)
+        findings += _delay(names, columns, parts, best)
+    return findings, best.gravity
+
+
+def _holds(told: Guess, best: Guess) -> bool:
+    """Whether the better guess is one: what it changes is explained by it, and nothing much got worse."""
+    if best is told:
+        return False
+    changed = [j for j, (a, b) in enumerate(zip(told.scores, best.scores, strict=True)) if abs(a - b) > 0.05]
+    gained = [j for j in changed if best.scores[j] < told.scores[j]]
+    return bool(gained) and all(_left(best.scores[j]) < EXPLAINED for j in gained)
+
+
+def _left(score: float) -> float:
+    return max(float(np.exp(score)) - FLOOR, 0.0)
+
+
+def _certain(told: Guess, best: Guess) -> bool:
+    return told.total - best.total >= CERTAIN
+
+
+def _shares(told: Guess, best: Guess, joints: Sequence[int]) -> str:
+    before = max(_left(told.scores[j]) for j in joints)
+    after = max(_left(best.scores[j]) for j in joints)
+    return f"unexplained {before:.0%} of the mean square as it stands, {after:.0%} so"
+
+
+def _signs(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
+    """Torque columns, or positions, whose sign is wrong."""
+    if best.swap is not None:
+        return []
+    if best.mirror is not None:
+        j = best.mirror
+        both = best.sign[j] < 0
+        what = "position and torque have" if both else "position has"
+        cure = turned(len(names), [j], ["q", "dq", *(["tau"] if both else [])])
+        moved = [k for k in range(len(names)) if abs(told.scores[k] - best.scores[k]) > 0.05] or [j]
+        return [
+            Finding(
+                "position_sign",
+                "hard" if _certain(told, best) else "warning",
+                f"{what} the wrong sign ({_shares(told, best, moved)}): the log counts it against the joint's axis "
+                f"in the URDF; set the sign of {'q and tau' if both else 'q'} to -1, or turn the axis in the URDF",
+                joint=names[j],
+                suggestion=cure,
+            )
+        ]
+    flipped = [j for j, s in enumerate(best.sign) if s < 0]
+    if len(flipped) > 1 and len(flipped) == len(names):
+        return [
+            Finding(
+                "torque_sign",
+                "hard",
+                f"the measured torque of every joint has the wrong sign ({_shares(told, best, flipped)}); no direction "
+                "of gravity and no order of the joints explains it better; expected the torque the drive delivers, "
+                "positive along the joint axis: flip its sign",
+                suggestion=turned(len(names), flipped, ["tau"]),
+            )
+        ]
+    return [
+        Finding(
+            "torque_sign",
+            "hard" if told.scores[j] - best.scores[j] >= CERTAIN else "warning",
+            f"the measured torque of joint {j + 1} has the wrong sign ({_shares(told, best, [j])}); no direction of "
+            "gravity and no order of the joints explains it better; expected the torque the drive delivers, positive "
+            "along the joint axis: flip its sign",
+            joint=names[j],
+            suggestion=turned(len(names), [j], ["tau"]),
+        )
+        for j in flipped
+    ]
+
+
+def _places(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
+    """Columns that belong to other joints."""
+    severity: Severity = "hard" if _certain(told, best) else "warning"
+    moved = [j for j, k in enumerate(best.source) if j != k]
+    if best.swap is not None:
+        a, b = best.swap
+        what = "positions and torques" if moved else "positions"
+        signals = ["q", "dq", "tau"] if moved else ["q", "dq"]
+        changed = [j for j, (x, y) in enumerate(zip(told.scores, best.scores, strict=True)) if x - y > 0.05] or [a, b]
+        text = (
+            f"the {what} of {names[a]} and {names[b]} are exchanged ({_shares(told, best, changed)}); expected the "
+            "columns in the order of the URDF's joints: exchange the columns"
+        )
+        cure = reordered(exchanged(len(names), a, b), signals)
+        return [Finding("joint_order", severity, text, joint=names[a], suggestion=cure)]
+    if not moved:
+        return []
+    pairs = "; ".join(f"tau{best.source[j] + 1} fits the motion of {names[j]}" for j in moved)
+    text = (
+        f"torque and position columns do not belong together: {pairs} ({_shares(told, best, moved)}); expected both in "
+        "the order of the URDF's joints: exchange the columns"
+    )
+    cure = reordered(best.source, ["tau"])
+    return [Finding("joint_order", severity, text, joint=names[moved[0]], suggestion=cure)]
+
+
+def _clock(told: Guess, best: Guess) -> list[Finding]:
+    if best.pace == 1.0:
+        return []
+    slow = best.pace > 1
+    factor = best.pace if slow else 1 / best.pace
+    return [
+        Finding(
+            "time_scale",
+            "hard" if _certain(told, best) else "warning",
+            f"time stamps run {factor:g} times too {'slow' if slow else 'fast'}: the torque shows inertia of a motion "
+            f"that is {factor:g} times {'faster' if slow else 'slower'} than the stamps say; expected seconds: "
+            f"{'divide' if slow else 'multiply'} them by {factor:g}",
+        )
+    ]
+
+
+def _rotors(robot: Robot, parts: Sequence[Stretch], forms: Forms, best: Guess) -> list[Finding]:
+    """Rotors that would weigh many times what they move: then it is the clock that is wrong."""
+    q = np.concatenate([p.q for p in parts])
+    q = q[np.linspace(0, len(q) - 1, min(len(q), 30)).astype(int)]
+    floating = robot.copy()
+    floating.model.gravity.linear = np.zeros(3)
+    n = forms.n
+    own = np.array(
+        [floating.inverse_dynamics(q, 0 * q, np.tile(np.eye(n)[j], (len(q), 1)))[:, j].mean() for j in range(n)]
+    )
+    for j in np.flatnonzero(own >= 0.2 * own.max()):
+        with_rotor = forms.fit(j, best.gravity, best.source[j], best.sign[j])
+        without = forms.fit(j, best.gravity, best.source[j], best.sign[j], rotor=False)
+        rotor = float(with_rotor.coefficients[3])
+        if rotor > HEAVIEST * own[j] and without.score - with_rotor.score > 0.1:
+            scale = 10 ** max(round(float(np.log10(rotor / own[j])) / 2), 1)
+            times = rotor / own[j]
+            text = (
+                f"the torque would take a rotor of {rotor:.3g} kg m^2, {times:.0f} times what the joint moves: "
+                f"time stamps run about {scale:g} times too slow; expected seconds: divide them by {scale:g}"
+            )
+            severity: Severity = "hard" if n > 2 else "warning"
+            return [Finding("time_scale", severity, text, joint=robot.joint_names[j])]
+    return []
+
+
+def _mounting(robot: Robot, told: Guess, best: Guess) -> list[Finding]:
+    off = angle(best.gravity, told.gravity)
+    if off <= SAME_MOUNTING:
+        return []
+    x, y, z = best.gravity
+    return [
+        Finding(
+            "mounting",
+            "note",
+            f"the base does not stand as the URDF says: gravity is found at {np.rad2deg(off):.0f} deg to it, along "
+            f"({x:.2f}, {y:.2f}, {z:.2f}) m/s^2 in the frame of {robot.name}'s base (an arm on a wall or under a "
+            "ceiling); that direction is used",
+        )
+    ]
+
+
+def _units(names: Sequence[str], fits: Sequence[Fit]) -> list[Finding]:
+    """A unit is called wrong only where most joints that the model says much about agree."""
+    alpha = np.array([f.coefficients[0] for f in fits])
+    rigid = np.array([f.rigid for f in fits])
+    strong = (rigid >= STRONG * max(float(rigid.max()), 1e-12)) & (alpha > 0)
+    strong &= np.array([f.left < EXPLAINED for f in fits])
+    off = strong & ((alpha > MAX_SCALE) | (alpha < 1 / MAX_SCALE))
+    if not off.any() or 2 * off.sum() < strong.sum():
+        return []
+    factors = alpha[strong]
+    typical = float(np.exp(np.median(np.log(factors))))
+    spread = float(np.max(np.abs(np.log(factors / typical))))
+    power = round(float(np.log10(typical)))
+    named = _UNITS.get(power) if abs(np.log10(typical) - power) < 0.3 and spread < np.log(3) else None
+    j = int(np.argmax(off))
+    each = ", ".join(f"{names[k]} {alpha[k]:.3g}" for k in np.flatnonzero(strong))
+    if named:
+        told = f"it looks like {named[0]}: convert it"
+        cure = named[1]
+    else:
+        told = (
+            "convert the unit: a motor current needs torque constant times gear ratio, a torque on the motor's side "
+            f"the gear ratio; factors by joint: {each}"
+        )
+        cure = {}
+    text = f"measured torque is {alpha[j]:.3g} times the model's on joint {j + 1}; expected N m at the joint; {told}"
+    return [Finding("torque_unit", "hard", text, joint=names[j], suggestion=cure)]
+
+
+def _delay(names: Sequence[str], columns: Columns, parts: Sequence[Stretch], best: Guess) -> list[Finding]:
+    def torque(j: int) -> tuple[Array, Array]:
+        model = best.pace**2 * columns.motion[:, j] + columns.gravity[:, j] @ best.gravity
+        return model, best.sign[j] * columns.tau[:, best.source[j]]
+
+    found: Delay = find_delay(columns, parts, torque)
+    size = abs(found.seconds)
+    # A quarter of a sampling interval is what the parabola resolves.
+    if size < DELAY_TOLD or found.gain < DELAY_GAIN:
+        return []
+    severity: Severity = "hard" if size >= DELAY_REFUSED else "warning" if size >= DELAY_DOUBTED else "note"
+    what = "later" if found.seconds > 0 else "earlier"
+    text = (
+        f"the torque is recorded {size:.3g} s {what} than the positions; expected one clock for both: shift it with "
+        f"delay {found.seconds:.3g} s"
+    )
+    return [Finding("torque_delay", severity, text, suggestion={"torque_delay": round(found.seconds, 4)})]
