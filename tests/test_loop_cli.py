@@ -121,7 +121,7 @@ def test_unusable_input_is_one_line_and_leaves_nothing(logs, tmp_path, capsys):
     frame["tau4"] *= -1
     frame.to_csv(tmp_path / "flipped.csv", index=False)
     assert run(*start, "--train", tmp_path / "flipped.csv") == 2
-    assert "measured torque anti-correlates with the model on joint 4 (panda_joint4" in one_line(capsys)
+    assert "joint panda_joint4: the measured torque (tau4) has the wrong sign" in one_line(capsys)
     (tmp_path / "model.json").write_text("{}")
     assert run(*start, "--train", logs / "train_1.parquet", "--model", tmp_path / "model.json") == 2
     assert "model.json: top level: 'schema' is a required property" in one_line(capsys)

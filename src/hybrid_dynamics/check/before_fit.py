@@ -14,7 +14,7 @@ from hybrid_dynamics.check.duplicates import check_duplicates
 from hybrid_dynamics.check.findings import Finding, ordered, refuse_hard
 from hybrid_dynamics.check.glitches import describe, repair
 from hybrid_dynamics.check.limits import check_angles, check_limits
-from hybrid_dynamics.check.torque import check_torque
+from hybrid_dynamics.check.torque import check_torque, outvoted
 from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
@@ -76,7 +76,7 @@ def checked(
     first, second = mended[: len(train)], mended[len(train) :]
     findings += check_duplicates(first, second)
     findings += check_rate(first)
-    findings += check_rate(second)
+    findings += [f for f in check_rate(second) if f.code != "too_short"]
     gravity = _level(body)
     for part in (first, second):
         if not part:
@@ -95,7 +95,7 @@ def checked(
 
 
 def check_shape(robot: Robot, runs: Sequence[Trajectory]) -> None:
-    """Raise :class:`InputError` for signals that are missing, of another robot, without torque; for names given twice."""
+    """Raise :class:`InputError` for missing signals, those of another robot, no torque, and names given twice."""
     for run in runs:
         for signal in ("q", "tau"):
             if signal not in run:
@@ -131,7 +131,7 @@ def _torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding], Ar
     """All runs together, then those alone that the others may have outvoted."""
     findings, gravity = check_torque(robot, runs)
     if len(runs) > 1 and not any(f.severity == "hard" for f in findings):
-        for run in runs:
+        for run in outvoted(robot, runs, gravity):
             alone, _ = check_torque(robot, [run])
             findings += [replace(f, run=run.name) for f in alone if f.severity == "hard"]
     return findings, gravity

@@ -76,8 +76,8 @@ def _joint(run: Trajectory, j: int, joint: str) -> list[Finding]:
             longest = _longest(at)
             if np.ptp(tau) > 0 and at.mean() > CLIPPED_SHARE and longest >= CLIPPED_ROW and abs(extreme) > 0:
                 text = (
-                    f"tau{j + 1} stays at its extreme value {extreme:.4g} N m for {longest} samples ({at.mean():.1%} in "
-                    "all): it is clipped there; leave those stretches out or record with less torque"
+                    f"tau{j + 1} stays at its extreme value {extreme:.4g} N m for {longest} samples ({at.mean():.1%} "
+                    "in all): it is clipped there; leave those stretches out or record with less torque"
                 )
                 out.append(Finding("saturation", "warning", text, run=run.name, joint=joint))
     return out
@@ -104,8 +104,8 @@ def _steps(run: Trajectory, signal: str, j: int, joint: str) -> list[Finding]:
     again = float(np.mean(changes[fast] == 0)) if fast.any() else 0.0
     if held > 0.3 and again > 0.3:
         text = (
-            f"{signal}{j + 1} repeats its last value in {held:.0%} of the samples, also in motion: the log is faster than "
-            "what it records; log at the source's own rate"
+            f"{signal}{j + 1} repeats its last value in {held:.0%} of the samples, also in motion: the log is faster "
+            "than what it records; log at the source's own rate"
         )
         return [Finding("held", "warning", text, run=run.name, joint=joint)]
     return []
@@ -144,8 +144,8 @@ def check_rate(runs: Sequence[Trajectory]) -> list[Finding]:
     if not out and samples < FEW:
         seconds = sum(float(run.time[-1] - run.time[0]) for run in runs)
         text = (
-            f"{seconds:.3g} s of log hold about {samples:.0f} independent samples; expected at least {FEWEST}, better some "
-            "thousand: record longer runs"
+            f"{seconds:.3g} s of log hold about {samples:.0f} independent samples; expected at least {FEWEST}, better "
+            "some thousand: record longer runs"
         )
         out.append(Finding("too_short", "hard" if samples < FEWEST else "warning", text))
     return out

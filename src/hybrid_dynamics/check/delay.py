@@ -37,15 +37,15 @@ def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int
         return Delay(0.0, 0.0)
     starts = np.concatenate([[0], np.cumsum([len(p.q) for p in parts])])
     rows = np.concatenate([np.arange(a + reach, b - reach) for a, b in pairwise(starts)])
-    n = columns.tau.shape[1]
     scores = np.zeros(2 * reach + 1)
-    for j in range(n):
+    for j in range(columns.tau.shape[1]):
         model, tau = torque(j)
         own = np.column_stack([model, columns.dq[:, j], columns.sign[:, j], columns.ddq[:, j]])[rows]
         own -= own.mean(axis=0)
         inner = own.T @ own / len(rows)
-        for k, shift in enumerate(range(-reach, reach + 1)):
-            late = tau[rows + shift] - tau[rows + shift].mean()
+        for k in range(2 * reach + 1):
+            late = tau[rows + k - reach]
+            late = late - late.mean()
             cross = own.T @ late / len(rows)
             gram = np.block([[inner, cross[:, None]], [cross[None, :], np.mean(late**2)]])
             scores[k] += explain(gram).score

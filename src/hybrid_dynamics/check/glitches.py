@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import label, maximum_filter1d, median_filter, percentile_filter
+from scipy.ndimage import label, maximum_filter1d, median_filter, percentile_filter, uniform_filter1d
 
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.trajectory import Trajectory
@@ -34,6 +34,8 @@ SHARE = {"tau": 0.7, "dq": 0.3, "q": 0.02}
 EDGE_SHARE = 4.0
 #: Samples to either side that tell how noisy the neighbourhood is.
 NEARBY = 25
+#: This many within ``NEARBY`` samples are a crowd.
+CROWD = 4.5
 #: A sample beyond this many times the largest other one is none, whatever its neighbours say.
 ABSURD = 30.0
 #: Where more than this share of a joint's samples departs, it is the way of the signal, not a fault of single samples.
@@ -97,7 +99,10 @@ def find_glitches(x: Array, dt: float, signal: str) -> Mask:
         out |= flagged
         mended = np.where(flagged, base, mended)
         base = median_filter(mended, size=(WINDOW, 1), mode="mirror")
-    out &= _short(out, np.abs(x - base), dt, 2.5 * spread)
+    size = np.abs(x - base)
+    out &= _short(out, size, dt, 2.5 * spread)
+    # Many close together are the way of the signal there (chatter at rest), unless they are beyond all measure.
+    out &= (uniform_filter1d(out.astype(float), NEARBY, axis=0) * NEARBY < CROWD) | (size > ABSURD * ordinary)
     out[:, out.mean(axis=0) > MOST] = False
     return out | ~finite
 
@@ -150,21 +155,27 @@ def repair(trajectory: Trajectory) -> tuple[Trajectory, list[Glitches]]:
 
 
 def describe(name: str, found: Sequence[Glitches], joint_names: Sequence[str], samples: int) -> list[Finding]:
-    """One finding for each signal and joint: how many, when, how large."""
+    """One finding a signal: how many samples of which joints, when, how large."""
     units = {"q": "rad", "dq": "rad/s", "tau": "N m"}
     out = []
-    for g in found:
-        times = ", ".join(f"{t:.4g}" for t in g.times[:4]) + (", ..." if len(g.times) > 4 else "")
-        count = len(g.rows)
-        largest = f"{np.max(g.sizes):.3g} {units[g.signal]}" if np.isfinite(g.sizes).all() else "not finite"
+    for signal in _SIGNALS:
+        own = [g for g in found if g.signal == signal]
+        if not own:
+            continue
+        count = sum(len(g.rows) for g in own)
+        times = np.unique(np.concatenate([g.times for g in own]))
+        when = ", ".join(f"{t:.4g}" for t in times[:4]) + (", ..." if len(times) > 4 else "")
+        sizes = np.concatenate([g.sizes for g in own])
+        largest = f"{sizes.max():.3g} {units[signal]}" if np.isfinite(sizes).all() else "not finite"
+        each = ", ".join(f"{joint_names[g.joint]} {len(g.rows)}" for g in own)
         out.append(
             Finding(
                 "glitch",
-                "warning" if count > 0.002 * samples else "note",
-                f"{count} of {samples} samples of {g.signal}{g.joint + 1} stand alone (t = {times} s; largest "
-                f"departure {largest}): no motion or torque of this robot; left out and interpolated",
+                "warning" if max(len(g.rows) for g in own) > 0.002 * samples else "note",
+                f"{count} samples of {signal} ({each}; of {samples} each) stand alone, at {when} s, the largest "
+                f"departs by {largest}: no motion or torque of a robot; left out (interpolated)",
                 run=name,
-                joint=joint_names[g.joint],
+                joint=joint_names[own[0].joint] if len(own) == 1 else "",
             )
         )
     return out

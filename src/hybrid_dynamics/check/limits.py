@@ -26,12 +26,14 @@ def check_angles(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
     for run in runs:
         largest = np.abs(run["q"]).max(axis=0)
         beyond = np.where(bounded, largest > MAX_ANGLE, largest > MAX_TURNING)
-        outside = bounded & (((run["q"] < low - 1.0) | (run["q"] > high + 1.0)).mean(axis=0) > 0.1)
+        out = ((run["q"] < low - 1.0) | (run["q"] > high + 1.0)).astype(float)
+        outside = bounded & (out.mean(axis=0) > 0.1)
         as_degrees = np.deg2rad(run["q"])
-        fits = ((as_degrees >= low - ANGLE_MARGIN) & (as_degrees <= high + ANGLE_MARGIN)).all(axis=0)
+        within = (as_degrees >= low - ANGLE_MARGIN) & (as_degrees <= high + ANGLE_MARGIN)
+        fits = np.asarray(np.all(within, axis=0))
         degrees = outside.sum() > 0.5 * bounded.sum() and bool(fits[bounded].all())
         if beyond.any() or degrees:
-            j = int(np.argmax(np.where(beyond | degrees, largest, 0.0)))
+            j = int(np.argmax(np.where(beyond if beyond.any() else outside, largest, 0.0)))
             text = f"reaches {largest[j]:.4g} rad; expected radians (convert degrees to radians)"
             cure = {"units": {"q": "deg"}} if fits.all() else {}
             return [Finding("degrees", "hard", text, run=run.name, joint=robot.joint_names[j], suggestion=cure)]
@@ -47,8 +49,8 @@ def check_limits(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
         q = np.concatenate([run["q"][:, j] for run in runs])
         if high[j] > low[j] and (q.min() < low[j] - ANGLE_MARGIN or q.max() > high[j] + ANGLE_MARGIN):
             text = (
-                f"moves from {q.min():.3g} to {q.max():.3g}, beyond the URDF's limits {low[j]:.3g} to {high[j]:.3g}: is "
-                "it this robot, and is its zero position the URDF's?"
+                f"moves from {q.min():.3g} to {q.max():.3g}, beyond the URDF's limits {low[j]:.3g} to {high[j]:.3g}: "
+                "is it this robot, and is its zero position the URDF's?"
             )
             out.append(Finding("beyond_limits", "warning", text, joint=name))
         fastest = max(float(np.percentile(np.abs(np.gradient(run["q"][:, j], run.dt)), 99.5)) for run in runs)

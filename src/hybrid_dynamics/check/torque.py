@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: A joint counts as explained where a guess leaves less than this share of its torque's mean square.
 EXPLAINED = 0.6
+#: A run is looked at alone where it leaves this much more of a joint's mean square than the best run.
+OUTVOTED = 0.3
 #: A guess that gains this much beyond its price (natural logarithm of mean squares) is certain, less is a warning.
 CERTAIN = 0.5
 #: A torque that is this many times too large or small against the model is in another unit.
@@ -66,6 +68,17 @@ def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding
             findings += _rotors(robot, parts, forms, best)
         findings += _delay(names, columns, parts, best)
     return findings, best.gravity
+
+
+def outvoted(robot: Robot, runs: Sequence[Trajectory], gravity: Array) -> list[Trajectory]:
+    """Runs in which some joint's torque is explained far worse than in the other runs."""
+    seen = [(run, parts) for run in runs if (parts := stretches([run]))]
+    left = np.array(
+        [[f.fit(j, gravity).left for j in range(f.n)] for f in (Forms(columns_of(robot, p)) for _, p in seen)]
+    )
+    if len(left) < 2:
+        return [run for run, _ in seen]
+    return [run for (run, _), own in zip(seen, left, strict=True) if np.any(own - left.min(axis=0) > OUTVOTED)]
 
 
 def _holds(told: Guess, best: Guess) -> bool:
@@ -127,7 +140,7 @@ def _signs(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
         Finding(
             "torque_sign",
             "hard" if told.scores[j] - best.scores[j] >= CERTAIN else "warning",
-            f"the measured torque of joint {j + 1} has the wrong sign ({_shares(told, best, [j])}); no direction of "
+            f"the measured torque (tau{j + 1}) has the wrong sign ({_shares(told, best, [j])}); no direction of "
             "gravity and no order of the joints explains it better; expected the torque the drive delivers, positive "
             "along the joint axis: flip its sign",
             joint=names[j],
@@ -189,7 +202,7 @@ def _rotors(robot: Robot, parts: Sequence[Stretch], forms: Forms, best: Guess) -
     own = np.array(
         [floating.inverse_dynamics(q, 0 * q, np.tile(np.eye(n)[j], (len(q), 1)))[:, j].mean() for j in range(n)]
     )
-    for j in np.flatnonzero(own >= 0.2 * own.max()):
+    for j in map(int, np.flatnonzero(own >= 0.2 * own.max())):
         with_rotor = forms.fit(j, best.gravity, best.source[j], best.sign[j])
         without = forms.fit(j, best.gravity, best.source[j], best.sign[j], rotor=False)
         rotor = float(with_rotor.coefficients[3])
@@ -236,7 +249,7 @@ def _units(names: Sequence[str], fits: Sequence[Fit]) -> list[Finding]:
     power = round(float(np.log10(typical)))
     named = _UNITS.get(power) if abs(np.log10(typical) - power) < 0.3 and spread < np.log(3) else None
     j = int(np.argmax(off))
-    each = ", ".join(f"{names[k]} {alpha[k]:.3g}" for k in np.flatnonzero(strong))
+    each = ", ".join(f"{names[k]} {alpha[k]:.3g}" for k in map(int, np.flatnonzero(strong)))
     if named:
         told = f"it looks like {named[0]}: convert it"
         cure = named[1]

@@ -37,7 +37,9 @@ def check_velocity(joint_names: Sequence[str], runs: Sequence[Trajectory]) -> li
         return []
     silent = moving & ~np.any(np.concatenate([run["dq"] for run in runs if "dq" in run]), axis=0)
     if silent.any():
-        which = "" if silent[moving].all() else f" of {', '.join(joint_names[j] for j in np.flatnonzero(silent))}"
+        which = (
+            "" if silent[moving].all() else f" of {', '.join(joint_names[j] for j in map(int, np.flatnonzero(silent)))}"
+        )
         text = (
             f"the velocity{which} is zero throughout while the joints move: dq is not measured here; the derivative of "
             "q is taken instead; leave dq out of the log"
@@ -103,7 +105,9 @@ def _correlations(a: Array, b: Array) -> Array:
 def _order(names: Sequence[str], correlation: Array, moving: NDArray[np.bool_]) -> list[Finding]:
     """Velocity columns that belong to other joints: clear only where each finds its own."""
     source = np.argmax(np.abs(correlation), axis=1)
-    wrong = [j for j in np.flatnonzero(moving) if source[j] != j and np.abs(correlation[j, source[j]]) > ALIKE]
+    wrong = [
+        j for j in map(int, np.flatnonzero(moving)) if source[j] != j and np.abs(correlation[j, source[j]]) > ALIKE
+    ]
     wrong = [j for j in wrong if np.abs(correlation[j, j]) < UNLIKE]
     if not wrong:
         return []
@@ -155,7 +159,7 @@ def _scale(names: Sequence[str], size: Array, judged: NDArray[np.bool_]) -> list
         )
         return [Finding("dq_scale", "hard", text, joint=name)]
     gross = bool(np.any((size[off] > 3) | (size[off] < 1 / 3)))
-    each = ", ".join(f"{names[k]} {size[k]:.3g}" for k in np.flatnonzero(off))
+    each = ", ".join(f"{names[k]} {size[k]:.3g}" for k in map(int, np.flatnonzero(off)))
     text = (
         f"{measured} (by joint: {each}); expected rad/s of the joint: "
         + ("divide a motor's speed by its gear ratio, convert other units" if gross else "look at its filter and unit")

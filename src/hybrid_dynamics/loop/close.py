@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from hybrid_dynamics.check import checked
 from hybrid_dynamics.effects import Effect, Slot, family
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.augment import Step, choose_signs, effects_of, model_of, refit, search
-from hybrid_dynamics.loop.checks import check_logs, check_torque
 from hybrid_dynamics.loop.diagnosis import errors_of, moving_rms, rounded, validate_diagnosis, verdict_of
 from hybrid_dynamics.loop.disturbances import describe, disturbances
 from hybrid_dynamics.loop.evidence import Evidence
@@ -98,13 +98,14 @@ def _close(
     tell = progress or (lambda stage, share: None)
     if not train:
         raise InputError("no training run is given; expected at least one log with positions and torques")
-    check_logs(robot, [*train, *test])
-    train, test, notes = _hold_out(train, test, settings)
+    tell("looking at the logs", 0.0)
+    plausible = checked(base, train, test)
+    train, test, notes = _hold_out(list(plausible.train), list(plausible.test), settings)
+    notes += plausible.notes
 
     tell("reading the motion", 0.05)
     runs = [process(t, base.completed_robot, settings.process) for t in train]
     tests = [process(t, base.completed_robot, settings.process) for t in test]
-    check_torque(base, runs)
     moving = moving_joints(runs, settings.process)
     if not moving.any():
         raise InputError(

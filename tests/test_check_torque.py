@@ -1,0 +1,124 @@
+"""Does the torque fit the motion? Each fault is told as itself, and what is no fault passes."""
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.check.torque import check_torque
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.loop.exercise import exercise
+from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.trajectory import Trajectory
+
+FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
+JOINTS = [f"panda_joint{j}" for j in range(1, 8)]
+FRICTION = [
+    *(Effect("coulomb_friction", (j,), {"coulomb_torque": 0.5}) for j in JOINTS),
+    *(Effect("viscous_friction", (j,), {"viscous_coefficient": 0.4}) for j in JOINTS),
+]
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return Robot.from_urdf(find_description("panda.urdf"), FINGERS)
+
+
+@pytest.fixture(scope="module")
+def run(panda) -> Trajectory:
+    return exercise(panda, FRICTION, duration=16.0, rate=200.0)
+
+
+def told(robot, *runs) -> list[tuple[str, str, str]]:
+    return [(f.severity, f.code, f.joint) for f in check_torque(robot, runs)[0]]
+
+
+def test_a_log_without_fault_passes_without_a_word(panda, run):
+    assert told(panda, run) == []
+
+
+@pytest.mark.parametrize("joint", range(7))
+def test_a_wrong_sign_is_found_on_every_joint_wrists_included(panda, run, joint):
+    turned = run.with_signals(tau=run["tau"] * np.where(np.arange(7) == joint, -1, 1))
+    assert told(panda, turned) == [("hard", "torque_sign", JOINTS[joint])]
+    findings, _ = check_torque(panda, [turned])
+    assert findings[0].suggestion == {"sign": {"tau": [-1 if j == joint else 1 for j in range(7)]}}
+
+
+def test_all_signs_wrong_is_no_arm_that_hangs_upside_down(panda, run):
+    assert told(panda, run.with_signals(tau=-run["tau"])) == [("hard", "torque_sign", "")]
+
+
+@pytest.mark.parametrize("gravity", [(0, 0, 9.81), (9.81, 0, 0), (0, -6.9367, -6.9367)], ids=["ceiling", "wall", "45"])
+def test_an_arm_mounted_otherwise_passes_and_its_gravity_is_found(panda, gravity):
+    mounted = panda.copy()
+    mounted.model.gravity.linear = np.array(gravity, float)
+    log = exercise(mounted, FRICTION, duration=16.0, rate=200.0)
+    findings, found = check_torque(panda, [log])
+    assert [(f.severity, f.code) for f in findings] == [("note", "mounting")]
+    np.testing.assert_allclose(found, gravity, atol=0.3)
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (1, 3), (3, 4)])
+@pytest.mark.parametrize("signals", [("tau",), ("q",), ("q", "tau")], ids="-".join)
+def test_exchanged_columns_are_told_with_the_joints(panda, run, pair, signals):
+    order = np.arange(7)
+    order[list(pair)] = pair[::-1]
+    swapped = run.with_signals(**{s: run[s][:, order] for s in signals})
+    findings, _ = check_torque(panda, [swapped])
+    assert [(f.severity, f.code) for f in findings] == [("hard", "joint_order")]
+    assert findings[0].joint == JOINTS[pair[0]]
+    columns = findings[0].suggestion["columns"]
+    assert set(signals) <= set(columns)
+    assert columns[signals[0]] == [f"{signals[0]}{k + 1}" for k in order]
+
+
+def test_a_position_that_counts_backwards_is_no_wrong_sign_of_the_torque(panda, run):
+    mirror = np.where(np.arange(7) == 3, -1, 1)
+    assert told(panda, run.with_signals(q=run["q"] * mirror)) == [("hard", "position_sign", JOINTS[3])]
+
+
+@pytest.mark.parametrize(
+    ("factor", "cure"),
+    [(1000.0, {"units": {"tau": "Nmm"}}), (100.0, {"gain": {"tau": [0.01]}}), (1e-3, {"units": {"tau": "kNm"}})],
+)
+def test_a_unit_is_named(panda, run, factor, cure):
+    findings, _ = check_torque(panda, [run.with_signals(tau=run["tau"] * factor)])
+    assert [(f.severity, f.code) for f in findings] == [("hard", "torque_unit")]
+    assert findings[0].suggestion == cure
+
+
+def test_a_torque_on_the_motors_side_is_told_with_its_factors(panda, run):
+    findings, _ = check_torque(panda, [run.with_signals(tau=run["tau"] / np.linspace(100, 50, 7))])
+    assert [(f.severity, f.code) for f in findings] == [("hard", "torque_unit")]
+    assert "gear ratio; factors by joint: panda_joint" in findings[0].text
+    assert findings[0].suggestion == {}
+
+
+@pytest.mark.parametrize(("late", "severity"), [(0.2, "hard"), (-0.1, "hard"), (0.05, "warning"), (0.02, "note")])
+def test_a_delay_is_measured(panda, run, late, severity):
+    shift = round(late / run.dt)
+    tau = np.roll(run["tau"], shift, axis=0)
+    findings, _ = check_torque(panda, [run.with_signals(tau=tau).rows(slice(60, -60))])
+    assert [(f.severity, f.code) for f in findings] == [(severity, "torque_delay")]
+    assert findings[0].suggestion["torque_delay"] == pytest.approx(late, abs=0.004)
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.1, 100.0])
+def test_a_clock_that_is_wrong_by_powers_of_ten_is_found(panda, factor):
+    slow = exercise(panda, FRICTION, duration=40.0, rate=200.0)
+    clock = Trajectory("run", "train", slow.time * factor, slow.signals)
+    findings, _ = check_torque(panda, [clock])
+    assert [(f.severity, f.code) for f in findings] == [("hard", "time_scale")]
+
+
+@pytest.mark.parametrize("com", [(0.0, 0.0, -0.3), (-0.2, 0.1, 0.0), (0.0, -0.2, 0.1)])
+@pytest.mark.parametrize("friction", [[], FRICTION], ids=["smooth", "friction"])
+def test_an_undeclared_payload_is_no_fault_wherever_it_hangs(panda, com, friction):
+    body = {"mass": 4.0, "com_x": com[0], "com_y": com[1], "com_z": com[2]}
+    inertia = {f"inertia_{a}{b}": 0.01 * (a == b) for a, b in ("xx", "xy", "yy", "xz", "yz", "zz")}
+    log = exercise(panda, [*friction, Effect("payload", (), body | inertia)], duration=16.0, rate=200.0)
+    assert [f for f in told(panda, log) if f[0] != "note"] == []
+
+
+def test_friction_that_outweighs_everything_else_is_no_fault(panda):
+    heavy = [Effect("coulomb_friction", (j,), {"coulomb_torque": 40.0}) for j in JOINTS]
+    assert told(panda, exercise(panda, heavy, duration=16.0, rate=200.0)) == []
