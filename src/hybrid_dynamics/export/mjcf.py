@@ -26,6 +26,12 @@ Array = NDArray[np.float64]
 #: Direct (stiffness, damping) reference of friction constraints: the friction of a moving joint is exactly its
 #: frictionloss, also in inverse dynamics (tried; MuJoCo's default is wrong by up to twice the friction).
 SOLREF_FRICTION = "0 -1e9"
+#: The class of joints with dry friction, so that one line of the file changes all of them.
+DRY = "dry"
+_ABOUT_FRICTION = (
+    "Dry friction is set for inverse dynamics, exact at any speed. To simulate forward with steps of h seconds, replace "
+    'the next line by solreffriction="0 -1/h" solimpfriction="0.9999 0.9999" (-1/h as a number): joints come to rest.'
+)
 #: A constant torque is written as a spring so soft that the joint's own motion does not show, N m/rad.
 SOFT = 1e-9
 
@@ -54,6 +60,9 @@ def document(source: Source) -> ET.Element:
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(root, "option", gravity=numbers(model.gravity.linear), integrator="implicitfast", timestep="0.001")
+    default = ET.SubElement(ET.SubElement(root, "default"), "default", {"class": DRY})
+    default.append(ET.Comment(f" {_ABOUT_FRICTION} "))
+    ET.SubElement(default, "joint", solreffriction=SOLREF_FRICTION)
     world = ET.SubElement(root, "worldbody")
     actuators = ET.SubElement(root, "actuator")
     links = _links(source)
@@ -90,7 +99,7 @@ def _joint(model: pin.Model, joint: int, name: str, own: Terms, misread: float) 
         element.set("damping", numbers(np.trim_zeros(damping, "b")))
     if own.get("dry_friction", 0.0):
         element.set("frictionloss", numbers([own["dry_friction"]]))
-        element.set("solreffriction", SOLREF_FRICTION)
+        element.set("class", DRY)
     stiffness, offset = own.get("stiffness", 0.0), own.get("offset", 0.0)
     if stiffness or offset:
         # MuJoCo's spring pulls back with k (q - springref): the drive must add as much.
