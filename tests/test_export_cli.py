@@ -5,13 +5,13 @@ import os
 import stat
 
 import pytest
+from tests.support_export import FINGER, saved
 
 from hybrid_dynamics.cli import main
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.export import FORMATS
 from hybrid_dynamics.loop.model import Model, save_model
 from hybrid_dynamics.robots import Robot, find_description
-from tests.support_export import FINGER, saved
 
 OTHER = find_description("double_pendulum_description/urdf/double_pendulum_simple.urdf")
 ENDINGS = {"urdf": "urdf", "mjcf": "xml", "c": "c", "python": "py", "casadi": "casadi"}

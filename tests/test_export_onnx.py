@@ -4,6 +4,7 @@ import numpy as np
 import onnx
 import pytest
 from onnx.reference import ReferenceEvaluator
+from tests.support_export import FINGER, saved
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.export.writing import export
@@ -12,7 +13,6 @@ from hybrid_dynamics.models import NetworkEstimator, NetworkSettings, RigidBody
 from hybrid_dynamics.models.base import HybridEstimator
 from hybrid_dynamics.models.storage import save_estimator
 from hybrid_dynamics.robots import Robot, find_description
-from tests.support_export import FINGER, saved
 
 
 @pytest.fixture(scope="module")

@@ -68,7 +68,7 @@ def test_the_completed_model_moves_as_the_robot_did(robot, run):
 
 def test_a_wrong_effect_does_not_help(robot, run):
     """The wrong-cause control: the same amount of friction with the other sign of offset and no rotor."""
-    first, second = robot.joint_names
+    _, second = robot.joint_names
     wrong = (*true_effects(robot)[:3], Effect("torque_offset", (second,), {"offset": -0.05}))
     right = resimulate(xml_of(robot, true_effects(robot)), robot.joint_names, [run])
     off = resimulate(xml_of(robot, wrong), robot.joint_names, [run])

@@ -29,7 +29,7 @@ SOLREF_FRICTION = "0 -1e9"
 #: The class of joints with dry friction, so that one line of the file changes all of them.
 DRY = "dry"
 _ABOUT_FRICTION = (
-    "Dry friction is set for inverse dynamics, exact at any speed. To simulate forward with steps of h seconds, replace "
+    "Dry friction is set for inverse dynamics, exact at any speed. To simulate forward in steps of h seconds, replace "
     'the next line by solreffriction="0 -1/h" solimpfriction="0.9999 0.9999" (-1/h as a number): joints come to rest.'
 )
 #: A constant torque is written as a spring so soft that the joint's own motion does not show, N m/rad.
