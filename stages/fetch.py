@@ -3,6 +3,9 @@
 A dataset without a ``source`` is made of one's own logs: its files are where ``robot`` and ``runs`` say.
 """
 
+import os
+from pathlib import Path
+
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.study.datasets import RobotSettings, Run
@@ -13,6 +16,12 @@ from hybrid_dynamics.trajectory import RECORDED, read_metadata
 from stages.common import dataset_argument
 
 
+def raw_folder() -> Path:
+    """``data/raw`` of the repository, also for queued and ``--temp`` experiments, which run in a copy without it."""
+    named = Path(os.environ.get("DVC_ROOT", ""))
+    return named / RAW if (named / ".dvc").is_dir() else RAW
+
+
 def main() -> None:
     files = dataset_argument(__doc__)
     params = load_params()
@@ -21,7 +30,7 @@ def main() -> None:
         settings = section(params, f"{name}.source", SourceSettings)
         # DVC may have removed the folder of the source already; what was made from it is still there.
         was_recorded = files.trajectories.exists() and read_metadata(files.trajectories).get("provenance") == RECORDED
-        source = DataSource(settings, raw_dir=RAW)
+        source = DataSource(settings, raw_dir=raw_folder())
         fetch(source, files.source, mode=section(params, "source", str), was_recorded=was_recorded)
         return
     runs = section(params, f"{name}.runs", list[Run])

@@ -117,6 +117,23 @@ def test_a_run_without_the_mirror_repeats_only_what_changed(tmp_path: Path, mirr
     assert lab.provenance() == "recorded"
 
 
+def test_an_experiment_in_a_copy_finds_the_files_of_the_repository(tmp_path: Path, mirror: Path) -> None:
+    lab = project(tmp_path / "lab", None)
+    raw = lab.folder / "data/raw/owner/data/run.csv"
+    raw.parent.mkdir(parents=True)
+    raw.write_bytes(RECORDING)
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    shutil.copy(lab.folder / "params.yaml", copy)
+    # DVC names the repository an experiment was started in.
+    for environment, found in (({"DVC_ROOT": str(lab.folder)}, "recorded"), ({}, "simulated twin")):
+        shutil.rmtree(copy / "data", ignore_errors=True)
+        subprocess.run(
+            [sys.executable, "-m", "stages.fetch", "arm"], cwd=copy, env=lab.environment | environment, check=True
+        )
+        assert yaml.safe_load((copy / "data/arm/source/source.json").read_text())["provenance"] == found
+
+
 def test_a_lab_shares_logs_and_results_through_a_folder(tmp_path: Path, mirror: Path) -> None:
     lab = project(tmp_path / "first", mirror)
     lab.dvc("remote", "add", "--default", "lab", str(tmp_path / "shared"))
