@@ -12,6 +12,8 @@ from rich.progress import Progress, TimeElapsedColumn
 
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.files import write_json
+from hybrid_dynamics.models.symbolic.julia import check_julia
+from hybrid_dynamics.study.config import PARAMS, load_params
 from hybrid_dynamics.study.layout import DatasetFiles
 from hybrid_dynamics.trajectory import Trajectory, read_trajectories
 
@@ -20,7 +22,14 @@ def dataset_argument(description: str | None) -> DatasetFiles:
     """Parse ``stage.py DATASET``."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("dataset", help="name of the dataset, a key of 'dataset' in params.yaml")
+    check_engine()
     return dataset_files(parser.parse_args().dataset)
+
+
+def check_engine() -> None:
+    """Raise where the engine of symbolic regression cannot run: known before the first stage, not after the last."""
+    if PARAMS.is_file() and load_params().get("sr", {}).get("engine") == "pysr":
+        check_julia()
 
 
 def dataset_files(name: str) -> DatasetFiles:

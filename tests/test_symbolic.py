@@ -1,15 +1,20 @@
 """Symbolic regression: known truth in rounds, the contract of both engines, constants, safe expressions."""
 
 import ast
+import os
+import sys
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from stages.common import dataset_argument
 
 from hybrid_dynamics.errors import InputError, MissingDependencyError
 from hybrid_dynamics.models import (
@@ -21,7 +26,8 @@ from hybrid_dynamics.models import (
     symbolic_regression,
 )
 from hybrid_dynamics.models.symbolic import Candidate, make_engine
-from hybrid_dynamics.models.symbolic.pysr_engine import PySREngine, find_julia, read_equations, regressor_options
+from hybrid_dynamics.models.symbolic.julia import find_julia
+from hybrid_dynamics.models.symbolic.pysr_engine import PySREngine, read_equations, regressor_options
 from hybrid_dynamics.models.symbolic.refit import Pruning, bases_of, fit_constants, fit_terms
 from hybrid_dynamics.models.symbolic.settings import best_candidate
 
@@ -132,21 +138,142 @@ def test_engine_contract(engine, inputs):
     assert front == make_engine(wanted).search(X, y, wanted, 1)
 
 
-def test_pysr_without_julia_fails_at_once(monkeypatch, tmp_path):
+@pytest.fixture
+def no_julia(monkeypatch, tmp_path) -> Path:
+    """A machine without Julia; its PATH is the folder that is returned."""
     for variable in ("PYTHON_JULIAPKG_EXE", "PYTHON_JULIACALL_EXE"):
-        monkeypatch.delenv(variable, raising=False)
+        # Set first, so that what the engine sets is undone.
+        monkeypatch.setenv(variable, "x")
+        monkeypatch.delenv(variable)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setattr("sys.prefix", str(tmp_path))
-    with pytest.raises(MissingDependencyError, match=r"Julia.*install.*operon"):
+    return tmp_path
+
+
+def julia_that(folder: Path, does: str) -> Path:
+    """A program called julia that does something else."""
+    program = folder / "julia"
+    program.write_text(f"#!/bin/sh\n{does}\n")
+    program.chmod(0o755)
+    return program
+
+
+@pytest.mark.parametrize(
+    ("does", "message"),
+    [
+        (None, r"needs Julia, and none was found; install Julia 1\.10\.3 or later .* or choose sr=operon"),
+        ("echo julia version 1.10.3", None),
+        ("echo julia version 1.10.0", None),
+        ("echo julia version 1.12.1+0.x64", None),
+        ("echo julia version 1.10.2", r"needs Julia 1\.10\.3 or later, and .*julia is 1\.10\.2"),
+        ("echo julia version 1.9.4", r"is 1\.9\.4; install a later one"),
+        ("echo no display; exit 1", r"is none that runs \(no display\)"),
+        ("exit 0", r"is none that runs \(it says nothing\)"),
+    ],
+)
+def test_julia_is_tried_before_any_work(no_julia, does, message):
+    if does is not None:
+        julia_that(no_julia, does)
+    if message is None:
+        engine = make_engine(SymbolicSettings(engine="pysr"))
+        assert not engine.concurrent
+        assert os.environ["PYTHON_JULIAPKG_EXE"] == find_julia() == str(no_julia / "julia")
+        return
+    with pytest.raises(MissingDependencyError, match=message) as error:
         make_engine(SymbolicSettings(engine="pysr"))
-    julia = tmp_path / "julia"
-    julia.write_text("#!/bin/sh\n")
-    julia.chmod(0o755)
-    assert find_julia() == str(julia)
-    monkeypatch.setenv("PYTHON_JULIAPKG_EXE", "set, so that the next line's change is undone")
-    monkeypatch.delenv("PYTHON_JULIAPKG_EXE")
-    assert not PySREngine().concurrent
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("does", "message"),
+    [
+        (None, "names no program; correct or unset it"),
+        ("exit 1", "correct that variable"),
+        ("echo julia version 1.6.0", "1.6.0"),
+    ],
+)
+def test_the_variable_that_names_julia_is_named(no_julia, monkeypatch, does, message):
+    if does is not None:
+        julia_that(no_julia, does)
+    monkeypatch.setenv("PYTHON_JULIAPKG_EXE", str(no_julia / "julia"))
+    with pytest.raises(MissingDependencyError, match="PYTHON_JULIAPKG_EXE=") as error:
+        make_engine(SymbolicSettings(engine="pysr"))
+    assert message in str(error.value)
+
+
+def stub(interrupted: bool = False, **more: object) -> SimpleNamespace:
+    """A module as PySR is: a regressor that finds y = 2 x0, and Julia's answers."""
+
+    class Regressor:
+        def __init__(self, **options: object) -> None:
+            self.options = options
+
+        def fit(self, X: np.ndarray, y: np.ndarray, variable_names: list[str]) -> None:
+            self.equations_ = pd.DataFrame({"complexity": [3], "loss": [0.0], "equation": ["x0 * 2.0"]})
+            self.interrupted_ = interrupted
+
+    jl = SimpleNamespace(seval=lambda code: "2.7.2" if "pkgversion" in code else "1.10.4")
+    return SimpleNamespace(**({"PySRRegressor": Regressor, "jl": jl, "__version__": "1.2.3"} | more))
+
+
+def engine_with(no_julia, monkeypatch, module: object) -> PySREngine:
+    julia_that(no_julia, "echo julia version 1.10.4")
+    monkeypatch.setitem(sys.modules, "pysr", module)
+    return PySREngine()
+
+
+def test_an_interrupted_search_is_no_model(no_julia, monkeypatch):
+    X = np.random.default_rng(0).normal(size=(200, 21))
+    settings = SymbolicSettings(engine="pysr", max_rounds=1)
+    assert len(engine_with(no_julia, monkeypatch, stub()).search(X, X[:, 0], settings, 1)) == 1
+    with pytest.raises(KeyboardInterrupt):
+        engine_with(no_julia, monkeypatch, stub(interrupted=True)).search(X, X[:, 0], settings, 1)
+    with pytest.raises(KeyboardInterrupt):
+        SymbolicEstimator(settings).fit(X, 2 * X[:, :3])
+
+
+def test_versions_and_progress_of_a_search(no_julia, monkeypatch):
+    engine_with(no_julia, monkeypatch, stub())
+    X = np.random.default_rng(0).normal(size=(200, 21))
+    told: list[tuple[int, int]] = []
+    settings = SymbolicSettings(engine="pysr", max_rounds=2)
+    estimator = SymbolicEstimator(settings, lambda done, total: told.append((done, total))).fit(X, 2 * X[:, [0, 0, 0]])
+    assert estimator.versions_ == {"pysr": "1.2.3", "julia": "1.10.4", "symbolic_regression": "2.7.2"}
+    assert estimator.document({}, "")["versions"] == estimator.versions_
+    assert SymbolicEstimator.from_document(estimator.document({}, ""), {}).versions_ == estimator.versions_
+    assert told[-1] == (6, 6)
+    assert told == sorted(told)
+    assert len(told) > 3, "within a joint too"
+
+
+def test_a_julia_that_cannot_start_is_one_line(no_julia, monkeypatch, tmp_path, capfd):
+    """PythonCall and juliapkg come up with anything, after Julia has printed its own traceback."""
+    package = tmp_path / "site" / "pysr"
+    package.mkdir(parents=True)
+    shout = "import os; os.system('for i in 1 2 3; do echo Stacktrace: >&2; done; echo ERROR: no network >&2')"
+    (package / "__init__.py").write_text(f"{shout}\nraise Exception('Could not resolve\\nmany\\nlines')\n")
+    julia_that(no_julia, "echo julia version 1.10.4")
+    monkeypatch.delitem(sys.modules, "pysr", raising=False)
+    monkeypatch.syspath_prepend(str(package.parent))
+    monkeypatch.setenv("PATH", f"{no_julia}{os.pathsep}/usr/bin{os.pathsep}/bin")
+    X = np.zeros((10, 3))
+    with pytest.raises(
+        MissingDependencyError, match=r"PySR cannot start it: ERROR: no network; .*PYTHON_JULIAPKG_EXE"
+    ) as error:
+        PySREngine().search(X, X[:, 0], SymbolicSettings(engine="pysr"), 1)
+    assert "\n" not in str(error.value)
+    assert "Stacktrace" not in "".join(capfd.readouterr())
+
+
+def test_the_first_stage_stops_where_julia_is_missing(no_julia, monkeypatch, capsys):
+    monkeypatch.chdir(no_julia)
+    Path("params.yaml").write_text("sr: {engine: pysr}\n")
+    monkeypatch.setattr(sys, "argv", ["generate_sim", "panda"])
+    with pytest.raises(MissingDependencyError, match="none was found"):
+        dataset_argument("")
+    Path("params.yaml").write_text("sr: {engine: operon}\n")
+    assert dataset_argument("").dataset == "panda"
 
 
 def test_pysr_knows_the_options_it_is_given():

@@ -22,6 +22,10 @@ class Engine(Protocol):
         """Candidates for ``y`` (N,) over the columns of ``X`` (N, m), as expressions over ``x0 .. x{m-1}`` (real)."""
         ...
 
+    def versions(self) -> dict[str, str]:
+        """Versions of the programs that search, for the record."""
+        ...
+
 
 def variable_names(count: int) -> list[str]:
     """``x0 x1 ...``: what the engines call the columns."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -30,7 +31,10 @@ Progress = Callable[[int, int], None]
 
 
 class SymbolicEstimator(RegressorMixin, BaseEstimator):
-    """One expression a joint. Learned: ``expressions_``, ``shares_explained_`` (n each), ``front_`` (all joints)."""
+    """One expression a joint. Learned: ``expressions_``, ``shares_explained_`` (n each), ``front_`` (all joints).
+
+    ``versions_`` are those of the programs that searched.
+    """
 
     settings_type: ClassVar[type] = SymbolicSettings
 
@@ -41,7 +45,8 @@ class SymbolicEstimator(RegressorMixin, BaseEstimator):
     def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self:
         """Search for ``y`` (N, n) over ``X`` (N, 7n); ``variance`` (n,) of the whole torque sets what is worth a term.
 
-        ``settings.workers`` joints at once; each joint's result depends on its own seed only. ``progress(done, n)``.
+        ``settings.workers`` joints at once; each joint's result depends on its own seed only. ``progress(done,
+        all)`` counts rounds; a joint that needs fewer than allowed counts as if it had taken them all.
         """
         X, y = check_data(X, y)
         settings = self.settings or SymbolicSettings()
@@ -50,10 +55,26 @@ class SymbolicEstimator(RegressorMixin, BaseEstimator):
         total = np.var(y, axis=0) if variance is None else np.asarray(variance, float)
         engine = make_engine(settings)
 
+        rounds = [0] * self.n_joints_
+
+        def note(j: int, number: int) -> None:
+            rounds[j] = number
+            if self.progress is not None:
+                self.progress(sum(rounds), settings.max_rounds * self.n_joints_)
+
         def search(j: int) -> SymbolicResult:
-            return symbolic_regression(
-                X, y[:, j], names, settings, variance=float(total[j]), joint=j + 1, engine=engine
+            result = symbolic_regression(
+                X,
+                y[:, j],
+                names,
+                settings,
+                variance=float(total[j]),
+                joint=j + 1,
+                engine=engine,
+                report=partial(note, j),
             )
+            note(j, settings.max_rounds)
+            return result
 
         workers = min(settings.workers, self.n_joints_) if engine.concurrent else 1
         with threadpool_limits(1), ExitStack() as stack:
@@ -63,11 +84,8 @@ class SymbolicEstimator(RegressorMixin, BaseEstimator):
                 # main thread, where Julia wants to be.
                 pool = stack.enter_context(ThreadPoolExecutor(workers))
                 found = pool.map(search, range(self.n_joints_))
-            results: list[SymbolicResult] = []
-            for result in found:
-                results.append(result)
-                if self.progress is not None:
-                    self.progress(len(results), self.n_joints_)
+            results = list(found)
+        self.versions_ = engine.versions()
         self.shares_explained_ = tuple(result.share_explained for result in results)
         self.front_: tuple[FrontRow, ...] = tuple(row for result in results for row in result.front)
         self.set_expressions([result.expression for result in results])
@@ -98,6 +116,7 @@ class SymbolicEstimator(RegressorMixin, BaseEstimator):
             "kind": "symbolic",
             "joints": self.n_joints_,
             "settings": asdict(self.settings or SymbolicSettings()),
+            "versions": dict(getattr(self, "versions_", {})),
             "expressions": [format_expression(expression) for expression in self.expressions_],
             "shares_explained": list(self.shares_explained_),
             "front": self.front(),
@@ -111,6 +130,7 @@ class SymbolicEstimator(RegressorMixin, BaseEstimator):
         texts = [str(text) for text in document["expressions"]]
         estimator.set_expressions([canonical(parse_expression(text, names), names) for text in texts])
         estimator.shares_explained_ = tuple(float(share) for share in document["shares_explained"])
+        estimator.versions_ = {str(k): str(v) for k, v in document.get("versions", {}).items()}
         estimator.front_ = tuple(FrontRow(**row) for row in document["front"])
         return estimator
 

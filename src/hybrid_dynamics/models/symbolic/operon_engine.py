@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from importlib import metadata
 
 import numpy as np
 import sympy as sp
@@ -23,6 +24,10 @@ class OperonEngine:
     """
 
     concurrent = True
+
+    def versions(self) -> dict[str, str]:
+        """See :class:`Engine`."""
+        return {"pyoperon": metadata.version("pyoperon")}
 
     def search(self, X: Array, y: Array, settings: SymbolicSettings, seed: int) -> list[Candidate]:
         """See :class:`Engine`."""

@@ -3,31 +3,18 @@
 from __future__ import annotations
 
 import os
-import shutil
-import sys
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 from hybrid_dynamics.errors import MissingDependencyError, needs_extra
 from hybrid_dynamics.models.expressions import parse_expression
 from hybrid_dynamics.models.symbolic.engines import is_finite, pareto, variable_names
+from hybrid_dynamics.models.symbolic.julia import VARIABLES, check_julia, overheard, unusable
 from hybrid_dynamics.models.symbolic.settings import BINARY, Candidate, SymbolicSettings
 from hybrid_dynamics.types import Array
 
+_JULIA_PACKAGE = "using SymbolicRegression; string(pkgversion(SymbolicRegression))"
 _SYMBOLS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
-
-
-def find_julia() -> str | None:
-    """Path of a Julia program: the one PythonCall is told to use, on the PATH, in juliaup or installed by juliapkg."""
-    for variable in ("PYTHON_JULIAPKG_EXE", "PYTHON_JULIACALL_EXE"):
-        if os.environ.get(variable):
-            return shutil.which(os.environ[variable])
-    places = [
-        Path(sys.prefix) / "julia_env" / "pyjuliapkg" / "install" / "bin",
-        Path.home() / ".juliaup" / "bin",
-    ]
-    return shutil.which("julia") or shutil.which("julia", path=os.pathsep.join(str(place) for place in places))
 
 
 class PySREngine:
@@ -36,24 +23,48 @@ class PySREngine:
     concurrent = False
 
     def __init__(self) -> None:
-        julia = find_julia()
-        if julia is None:
-            raise MissingDependencyError(
-                "sr=pysr needs Julia, and none was found; install Julia 1.10 or later from "
-                "https://julialang.org/downloads and put it on the PATH, or choose sr=operon, which needs nothing more"
-            )
+        self._julia = check_julia()
         # Without this PythonCall would download a Julia of its own where it does not like the one on the PATH.
-        os.environ.setdefault("PYTHON_JULIAPKG_EXE", julia)
+        os.environ.setdefault(VARIABLES[0], self._julia)
+        self._pysr: Any = None
 
     def search(self, X: Array, y: Array, settings: SymbolicSettings, seed: int) -> list[Candidate]:
-        """See :class:`Engine`."""
-        with needs_extra("pysr", "sr=pysr"):
-            from pysr import PySRRegressor
-
-        regressor = PySRRegressor(**regressor_options(settings, len(X), seed))
+        """See :class:`Engine`. ``KeyboardInterrupt`` where the search was interrupted: half of one is no model."""
+        regressor = self._started().PySRRegressor(**regressor_options(settings, len(X), seed))
         names = variable_names(X.shape[1])
-        regressor.fit(X, y, variable_names=names)
+        try:
+            regressor.fit(X, y, variable_names=names)
+        except Exception as error:
+            if type(error).__name__ != "JuliaError":
+                raise
+            raise unusable(self._julia, error) from None
+        # PySR ends an interrupted search as if it had been finished, and returns what it has.
+        if getattr(regressor, "interrupted_", False):
+            raise KeyboardInterrupt
         return read_equations(regressor.equations_.to_dict("records"), names)
+
+    def versions(self) -> dict[str, str]:
+        """Versions of PySR, SymbolicRegression and Julia, for the record."""
+        pysr = self._started()
+        found = {"pysr": str(pysr.__version__)}
+        for name, code in (("julia", "string(VERSION)"), ("symbolic_regression", _JULIA_PACKAGE)):
+            found[name] = str(pysr.jl.seval(code))
+        return found
+
+    def _started(self) -> Any:
+        """The module ``pysr``; importing it starts Julia, which takes seconds, and minutes the first time."""
+        if self._pysr is None:
+            print("pysr: starting Julia (the first time it downloads and compiles its packages: minutes)", flush=True)
+            said: list[str] = []
+            try:
+                with overheard(said), needs_extra("pysr", "sr=pysr"):
+                    import pysr
+            except (KeyboardInterrupt, MemoryError, MissingDependencyError):
+                raise
+            except BaseException as error:  # noqa: BLE001 (whatever Julia, juliapkg or PythonCall come up with)
+                raise unusable(self._julia, error, "".join(said)) from None
+            self._pysr = pysr
+        return self._pysr
 
 
 def regressor_options(settings: SymbolicSettings, samples: int, seed: int) -> dict[str, Any]:

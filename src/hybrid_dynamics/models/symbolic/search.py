@@ -6,7 +6,7 @@ together on all samples, so a stand-in that an early round took for the true ter
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import sympy as sp
@@ -46,11 +46,13 @@ def symbolic_regression(
     variance: float | None = None,
     joint: int = 1,
     engine: Engine | None = None,
+    report: Callable[[int], None] | None = None,
 ) -> SymbolicResult:
     """An expression for ``y`` (N,) over the columns of ``X`` (N, m), named ``names``, in their units.
 
     ``variance`` is var(tau), of which the settings' shares are taken (default: the variance of ``y``); ``joint`` is
-    noted in the front and varies the seed. Raises :class:`InputError` for shapes that do not match.
+    noted in the front and varies the seed; ``report`` is told the number of each round
+    that is done. Raises :class:`InputError` for shapes that do not match.
     """
     settings = settings or SymbolicSettings()
     X, y = np.asarray(X, float), np.asarray(y, float)
@@ -60,7 +62,7 @@ def symbolic_regression(
         )
     total = float(np.var(y)) if variance is None else float(variance)
     search = _Search(X, y, list(names), settings, total, joint, engine or make_engine(settings))
-    fit = search.run()
+    fit = search.run(report or (lambda number: None))
     expression = canonical(plain_symbols(fit.expression), names)
     spread = float(np.var(y))
     left = y - CompiledExpressions([expression], names)(X)[:, 0]
@@ -85,7 +87,7 @@ class _Search:
             for x, k, s in zip(engine_names, self.used, self.scale, strict=True)
         }
 
-    def run(self) -> Fit:
+    def run(self, report: Callable[[int], None]) -> Fit:
         settings = self.settings
         size = float(np.mean(self.y**2))
         fit = Fit((), (), size, size)
@@ -94,6 +96,7 @@ class _Search:
             if fit.held_out <= settings.min_gain * self.total or not len(self.used):
                 break
             better = self._round(number, fit)
+            report(number)
             before = fit.held_out
             gain = before - better.held_out
             if gain > 0:
