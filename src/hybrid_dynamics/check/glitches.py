@@ -102,7 +102,8 @@ def find_glitches(x: Array, dt: float, signal: str) -> Mask:
     size = np.abs(x - base)
     out &= _short(out, size, dt, 2.5 * spread)
     # Many close together are the way of the signal there (chatter at rest), unless they are beyond all measure.
-    out &= (uniform_filter1d(out.astype(float), NEARBY, axis=0) * NEARBY < CROWD) | (size > ABSURD * ordinary)
+    many = uniform_filter1d(out.astype(float), NEARBY, axis=0) * NEARBY > CROWD
+    out &= ~maximum_filter1d(many.astype(np.uint8), NEARBY, axis=0).astype(bool) | (size > ABSURD * ordinary)
     out[:, out.mean(axis=0) > MOST] = False
     return out | ~finite
 
