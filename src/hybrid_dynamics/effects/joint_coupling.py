@@ -78,7 +78,8 @@ class JointCoupling(Family):
         return [*own, (int(partner or 0), slot.index)] if slot.options.get(ROWS) == BOTH else own
 
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
-        speed, acceleration = at.dq[at.partner], at.partner_ddq
+        speed = at.dq[at.partner]
+        acceleration = 0.0 if at.ddq is None and parameters["armature"] == 0.0 else at.partner_ddq
         which = settings.get(SIGN_OF, PARTNER)
         if which not in (PARTNER, SUM, DIFFERENCE):
             raise InputError(f"effect {self.name}: {SIGN_OF} is {which!r}; expected {PARTNER}, {SUM} or {DIFFERENCE}")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from hybrid_dynamics.effects import Effect, plant
+from hybrid_dynamics.effects import Effect, predict, readings
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.references import derive_seed
 from hybrid_dynamics.trajectory import Trajectory
@@ -33,7 +33,7 @@ def exercise(
     encoder_bits: int = 16,
     still: Sequence[int] = (),
 ) -> Trajectory:
-    """One run ``q tau`` of ``robot`` with ``effects``: a multi-sine of all joints but ``still`` ones.
+    """One run ``q tau`` of ``robot`` with ``effects``, also those on what is read: a multi-sine of all but ``still``.
 
     At rest at both ends. Torque noise is white (share of the effort limit), positions are rounded
     to a turn's 2^-``encoder_bits`` (0: exact).
@@ -56,9 +56,9 @@ def exercise(
     q[:, list(still)] = centre[list(still)]
     spline = make_interp_spline(time, q, k=7)
     dq, ddq = spline(time, 1), spline(time, 2)
-    changed, torque = plant(robot, effects, along=True)
-    rigid = changed.inverse_dynamics(q, dq, ddq)
-    tau = rigid + torque(q, dq, rigid)
+    # What the encoder reads; what the torque sensor records follows from it.
+    q = q - readings(robot, effects).offset
+    tau = predict(robot, effects, q, dq, ddq, time)
     tau += rng.normal(size=tau.shape) * torque_noise_share * robot.effort_limits
     if encoder_bits:
         step = 2 * np.pi / 2**encoder_bits
