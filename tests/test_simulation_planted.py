@@ -34,7 +34,7 @@ CASES = {
     "spring": Effect("joint_spring", ELBOW, {"stiffness": 3.0, "rest_position": 0.2}, {"shape": "sine"}),
     "ripple": Effect("torque_ripple", ELBOW, {"amplitude": 0.6, "harmonic": 9.0, "phase": 0.5}),
     "drift": Effect("drift", ELBOW, {"rate": 0.4, "time_constant": 8.0}, {"of": "coulomb"}),
-    "contact": Effect("external_contact", ELBOW, {"torque": 2.0}, {"intervals": ((0.5, 1.2),)}),
+    "contact": Effect("external_contact", ELBOW, {"torque": 2.0}, {"intervals": ((0.4999, 1.1999),)}),
     "symbolic": Effect("symbolic_torque", ELBOW, {"scale": 1.0}, {"expression": "sin(q1) * q2 + 0.3 * dq1"}),
     "coupling": Effect(
         "joint_coupling",
