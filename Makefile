@@ -11,13 +11,14 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help venv repro tables test lint params ui lock bench bench-peers clean-venv
+.PHONY: help deps venv repro tables test lint params ui lock bench bench-peers clean-venv
 
 help:
 	@echo "make repro   set up .venv, run the whole study (dvc repro), print the tables and the report's path"
 	@echo "make test    set up .venv, lint, type-check, run the tests"
 	@echo "make ui      MLflow's comparison of all methods, on http://127.0.0.1:5000"
 	@echo "make params  compose conf/ into params.yaml (after editing conf/)"
+	@echo "make deps    write into dvc.yaml what each stage imports (after an import or a method has changed)"
 	@echo "make bench   ours and the peers side by side, into reports/benchmarks.csv (QUICK=1: three minutes)"
 
 venv: $(VENV)/.ready
@@ -53,6 +54,10 @@ test: lint
 
 params: venv
 	@python -m stages.compose $(ARGS)
+
+# What each stage imports, and a stage for every method of the table, into dvc.yaml.
+deps: venv
+	@python -m stages.deps
 
 ui: venv
 	@mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///$(CURDIR)/mlflow.db

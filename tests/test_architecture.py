@@ -1,46 +1,26 @@
-"""How the files of the package hang together: library and study apart, no circles, nothing of ``stages``."""
+"""How the files hang together: library and study apart, no circles, and stages that declare what they import."""
 
 from __future__ import annotations
 
-import ast
-from functools import cache
+import copy
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+import yaml
+from stages.deps import TRAIN, code_of, is_code, update
 
-PACKAGE = "hybrid_dynamics"
-SOURCE = Path(__file__).parents[1] / "src"
+from hybrid_dynamics.models.methods import layered
+from hybrid_dynamics.study.imports import PACKAGE, SourceTree
 
-
-def module_name(path: Path) -> str:
-    parts = path.relative_to(SOURCE).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-MODULES = {module_name(path): path for path in sorted((SOURCE / PACKAGE).rglob("*.py"))}
-
-
-@cache
-def imports(module: str) -> frozenset[str]:
-    """Every module of the package that ``module`` names, also inside functions and under TYPE_CHECKING."""
-    return frozenset(found_in(ast.parse(MODULES[module].read_text("utf-8")), frozenset(MODULES)) - {module})
+ROOT = Path(__file__).parents[1]
+TREE = SourceTree(ROOT)
+LIBRARY = sorted(m for m in TREE.modules if m.startswith(PACKAGE) and not m.startswith(f"{PACKAGE}.study"))
+DVC = yaml.safe_load((ROOT / "dvc.yaml").read_text("utf-8"))
+STAGES = DVC["stages"]
 
 
-def found_in(tree: ast.AST, modules: frozenset[str]) -> set[str]:
-    """Those of ``modules`` that ``tree`` imports, as ``import a.b`` or ``from a import b`` (b a module or a name)."""
-    found: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names} & modules
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"line {node.lineno}: relative import; name the module in full"
-            for alias in node.names:
-                name = f"{node.module}.{alias.name}"
-                found |= {name if name in modules else str(node.module)} & modules
-    return found
-
-
-def circle(edges: dict[str, frozenset[str]]) -> list[str]:
+def circle(edges: Mapping[str, frozenset[str]]) -> list[str]:
     """Modules that import one another in turn, first and last the same; empty where there are none."""
     done: set[str] = set()
 
@@ -61,34 +41,96 @@ def circle(edges: dict[str, frozenset[str]]) -> list[str]:
     return []
 
 
-@pytest.mark.parametrize("module", [m for m in MODULES if not m.startswith(f"{PACKAGE}.study")])
-def test_the_library_does_not_import_the_study(module: str) -> None:
-    of_study = sorted(m for m in imports(module) if m.startswith(f"{PACKAGE}.study"))
-    assert not of_study, f"{module} imports {of_study}; move what it needs out of study/"
+def tree_of(folder: Path, texts: Mapping[str, str]) -> SourceTree:
+    """A package of the given files (``a/b`` is a/b.py) below ``folder``."""
+    for name, text in texts.items():
+        path = folder / "src" / PACKAGE / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    (folder / "stages").mkdir()
+    return SourceTree(folder)
 
 
-def test_no_files_import_one_another_in_a_circle() -> None:
-    found = circle({module: imports(module) for module in MODULES})
-    assert not found, " -> ".join(found)
+@pytest.mark.parametrize("module", LIBRARY)
+def test_the_library_imports_neither_the_study_nor_the_stages(module: str) -> None:
+    wrong = sorted(m for m in TREE.edges[module] if m.startswith((f"{PACKAGE}.study", "stages")))
+    assert not wrong, f"{module} imports {wrong}; move what it needs out of there"
 
 
 def test_nothing_in_the_package_imports_the_stages() -> None:
-    names = frozenset({"stages"})
-    for module, path in MODULES.items():
-        tree = ast.parse(path.read_text("utf-8"))
-        roots = {name.split(".")[0] for name in _roots(tree)}
-        assert not roots & names, f"{module} imports stages"
+    assert not [m for m, named in TREE.edges.items() if m.startswith(PACKAGE) and any(n[:6] == "stages" for n in named)]
 
 
-def _roots(tree: ast.AST) -> set[str]:
-    plain = {a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names}
-    return plain | {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+def test_no_files_import_one_another_in_a_circle() -> None:
+    found = circle(TREE.edges)
+    assert not found, " -> ".join(found)
 
 
-def test_the_circle_finder_finds_a_circle_and_imports_inside_functions() -> None:
-    """The wrong-cause control: hidden in a function, through a third file."""
-    modules = frozenset({"p.a", "p.b", "p.c"})
-    texts = {"p.a": "from p import b", "p.b": "def f():\n    from p.c import x", "p.c": "import p.a"}
-    edges = {name: frozenset(found_in(ast.parse(text), modules)) for name, text in texts.items()}
-    assert circle(edges) == ["p.a", "p.b", "p.c", "p.a"]
-    assert circle({**edges, "p.c": frozenset()}) == []
+def test_a_circle_is_found_also_where_a_function_hides_it(tmp_path: Path) -> None:
+    hidden = "def f():\n    from hybrid_dynamics.c import x"
+    tree = tree_of(tmp_path, {"a": "from hybrid_dynamics import b", "b": hidden, "c": "import hybrid_dynamics.a"})
+    assert circle(tree.edges) == [f"{PACKAGE}.{name}" for name in "abca"]
+    assert circle({**tree.edges, f"{PACKAGE}.c": frozenset()}) == []
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_declares_all_the_code_it_imports(stage: str) -> None:
+    declared = [d for d in STAGES[stage]["deps"] if is_code(d)]
+    missing = [d for d in code_of(stage, STAGES[stage], TREE) if d not in declared]
+    assert not missing, f"stage {stage} imports {missing}; run make deps"
+    gone = [d for d in declared if not (ROOT / d).exists()]
+    assert not gone, f"stage {stage} depends on {gone}, which is not there; run make deps"
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_no_stage_runs_again_because_the_command_line_changed(stage: str) -> None:
+    assert not [d for d in STAGES[stage]["deps"] if d.startswith(f"src/{PACKAGE}/cli")]
+
+
+def test_a_network_that_changed_trains_the_networks_alone() -> None:
+    file = f"src/{PACKAGE}/models/network.py"
+    readers = {name for name, stage in STAGES.items() if file in stage["deps"]}
+    assert {name for name in readers if name.startswith(TRAIN)} == {"train_nn", "train_r_nn"}
+    assert "evaluate" in readers
+
+
+def test_what_a_stage_imports_is_followed_through_packages_stubs_and_folders(tmp_path: Path) -> None:
+    tree = tree_of(
+        tmp_path,
+        {
+            "lazy/__init__": "import lazy_loader",
+            "lazy/one": "",
+            "lazy/two": "",
+            "folder/__init__": "import pkgutil\nnames = pkgutil.iter_modules(__path__)",
+            "folder/found": "import hybrid_dynamics.deep",
+            "deep": "",
+            "unused": "",
+            "top": "from hybrid_dynamics.lazy import name\nfrom hybrid_dynamics import folder",
+        },
+    )
+    (tmp_path / "src" / PACKAGE / "lazy" / "__init__.pyi").write_text("from .one import name\n", encoding="utf-8")
+    found = {m.removeprefix(f"{PACKAGE}.") for m in tree.closure([f"{PACKAGE}.top"])}
+    assert found == {"top", "lazy", "lazy.one", "folder", "folder.found", "deep"}
+
+
+def test_a_method_of_the_table_gets_its_stage() -> None:
+    document = copy.deepcopy(DVC)
+    del document["stages"]["train_r_nn"]
+    document["stages"]["evaluate"]["deps"].remove("data/${item.dataset}/models/r_nn")
+
+    class Ordered(dict):
+        """A mapping with ruamel's ``insert``."""
+
+        def insert(self, place: int, key: str, value: object) -> None:
+            self[key] = value
+
+    document["stages"] = Ordered(document["stages"])
+    update(document, TREE)
+    for key in ("cmd", "params", "outs", "matrix"):
+        assert document["stages"]["train_r_nn"][key] == STAGES["train_r_nn"][key]
+    assert set(document["stages"]["train_r_nn"]["deps"]) == set(STAGES["train_r_nn"]["deps"])
+    assert set(document["stages"]["evaluate"]["deps"]) == set(STAGES["evaluate"]["deps"])
+
+
+def test_every_method_has_its_stage() -> None:
+    assert {f"{TRAIN}{name}" for name in layered()} <= set(STAGES)
