@@ -19,7 +19,7 @@ EXTRAS = {
     "bags": ("mcap", "mcap_ros1", "mcap_ros2", "rosbags"),
     "nn": ("torch", "safetensors"),
     "pysr": ("pysr",),
-    "study": ("cvxpy", "dvc", "hydra", "mlflow", "pydantic", "pysindy", "requests", "trimesh"),
+    "study": ("cvxpy", "dvc", "hydra", "matplotlib", "mlflow", "pydantic", "pysindy", "requests", "trimesh"),
 }
 
 

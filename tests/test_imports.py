@@ -5,7 +5,19 @@ import sys
 
 import pytest
 
-SECONDS = {"cvxpy", "matplotlib", "mlflow", "pandas", "pyoperon", "pysindy", "pysr", "sklearn", "sympy", "torch"}
+SECONDS = {"bokeh", "cvxpy", "matplotlib", "mlflow", "pandas", "pyoperon", "pysindy", "pysr"} | {"sklearn", "sympy", "torch"}
+    "bokeh",
+    "cvxpy",
+    "matplotlib",
+    "mlflow",
+    "pandas",
+    "pyoperon",
+    "pysindy",
+    "pysr",
+    "sklearn",
+    "sympy",
+    "torch",
+}
 
 
 def loaded_by(code: str) -> set[str]:

@@ -6,18 +6,15 @@ The page is self-contained: inline style, images as data URIs, no script, no req
 from __future__ import annotations
 
 import base64
-import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
-import pandas as pd
-
 from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN
 
-__all__ = ["Cell", "Heading", "badge", "details", "escape", "figure", "frame_table", "page", "slug", "table"]
+__all__ = ["Cell", "Heading", "badge", "details", "escape", "figure", "page", "slug", "table"]
 
 
 @dataclass(frozen=True)
@@ -67,20 +64,6 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[Cell | str]], caption: s
 
 def _class(kind: str) -> str:
     return f' class="{kind}"' if kind else ""
-
-
-def frame_table(frame: pd.DataFrame, caption: str = "") -> str:
-    """A data frame as it is: numbers with four significant digits, everything else as text."""
-
-    def cell(value: object) -> Cell:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return Cell(escape(str(value)), "text")
-        if isinstance(value, float):
-            return Cell(f"{value:.4g}" if math.isfinite(value) else "–")
-        return Cell(str(value))
-
-    rows = [[cell(value) for value in row] for row in frame.astype(object).itertuples(index=False, name=None)]
-    return table([escape(str(name)) for name in frame.columns], rows, caption)
 
 
 def figure(content: bytes, caption: str, alt: str, kind: str = "png", css: str = "") -> str:

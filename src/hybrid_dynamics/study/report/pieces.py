@@ -197,3 +197,17 @@ def equations(result: DatasetResults, beside: bool = False) -> str:
         content = table(heads, rows)
         parts.append(f"<h4>{escape(label(method))}</h4>{content}" if theirs else details(label(method), content))
     return "\n".join(parts)
+
+
+def frame_table(frame: pd.DataFrame, caption: str = "") -> str:
+    """A data frame as it is: numbers with four significant digits, everything else as text."""
+
+    def cell(value: object) -> Cell:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return Cell(escape(str(value)), "text")
+        if isinstance(value, float):
+            return Cell(f"{value:.4g}" if math.isfinite(value) else "–")
+        return Cell(str(value))
+
+    rows = [[cell(value) for value in row] for row in frame.astype(object).itertuples(index=False, name=None)]
+    return table([escape(str(name)) for name in frame.columns], rows, caption)

@@ -270,7 +270,7 @@ def _closing(page: _Page, results: Sequence[DatasetResults], study: StudyInputs)
     for title, path in study.tables.items():
         if Path(path).exists():
             page.heading(2, title, title)
-            page.add(html.frame_table(read_csv(Path(path))))
+            page.add(pieces.frame_table(read_csv(Path(path))))
     timing = timing_table(results)
     if len(timing):
         page.heading(2, "Training time and memory", "timing")

@@ -10,7 +10,8 @@ from typing import Any
 
 import pandas as pd
 
-from hybrid_dynamics.loop_report.html import Cell, details, escape, frame_table, table
+from hybrid_dynamics.loop_report.html import Cell, details, escape, table
+from hybrid_dynamics.study.report.pieces import frame_table
 from hybrid_dynamics.study.results import Section, read_csv
 
 #: Inline drawings of one loop section beyond this many bytes are left out, so that the page stays light.

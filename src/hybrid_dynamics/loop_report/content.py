@@ -1,0 +1,156 @@
+"""What the page of one loop is made from, as data: numbers and names, no drawing. Written and read as JSON.
+
+The loop's own page and the study's page draw from the same content; neither reads the other's HTML.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.files import write_text
+
+Numbers = tuple[float, ...]
+
+#: Kinds of effects in the order of the page, and the variable that a kind is drawn against.
+KINDS = {
+    "friction": "Friction",
+    "rotor": "Rotor inertia",
+    "position": "Torque that depends on the position",
+    "offset": "Offset",
+    "body": "Masses and inertias",
+    "reading": "What is read",
+    "other": "Other",
+}
+AXES = {
+    "q": "position [rad]",
+    "dq": "speed [rad/s]",
+    "ddq": "acceleration [rad/s²]",
+    "load": "rigid-body torque [N m]",
+    "time": "time [s]",
+    "added": "torque that the named effects add [N m]",
+}
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The final model's law at one joint and the held-out samples it answers to.
+
+    ``x`` is the variable of :data:`AXES` named ``axis``; ``missing`` [N m] what the final model lacks there once the
+    group's effects are taken out; ``added`` [N m] what they add. ``run`` counts into :attr:`Content.test_runs`.
+    ``noise`` [N m] is the joint's noise floor.
+    """
+
+    joint: str
+    axis: str
+    noise: float
+    x: Numbers
+    missing: Numbers
+    added: Numbers
+    run: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Named effects of one kind at one place. ``effects`` count into the diagnosis' list; ``contribution`` [N m] is the
+    rms torque that each of them adds on held-out runs, on the joint (``contribution_joint``) where it adds most."""
+
+    where: str
+    kind: str
+    effects: tuple[int, ...]
+    contribution: Numbers
+    contribution_joint: tuple[str, ...]
+    curves: tuple[Curve, ...] = ()
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Torque of one joint along one held-out run: ``time`` [s]; ``measured before after`` [N m]."""
+
+    run: str
+    joint: str
+    time: Numbers
+    measured: Numbers
+    before: Numbers
+    after: Numbers
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A cause that was tried in a step: ``score`` and ``gain`` in squared noise floors a sample; ``added`` if taken."""
+
+    effect: str
+    joint: str
+    settings: str
+    score: float
+    gain: float
+    gain_error: float
+    added: bool
+    why: str
+
+
+@dataclass(frozen=True)
+class SearchStep:
+    """One step of the search: ``action`` (add, drop, replace, stop), on what, and the candidates ranked for it."""
+
+    action: str
+    effect: str
+    joint: str
+    candidates: tuple[Candidate, ...] = ()
+
+
+@dataclass(frozen=True)
+class Content:
+    """Everything the page shows. ``diagnosis`` is diagnosis.json; ``provenance`` says where the logs come from."""
+
+    diagnosis: Mapping[str, Any]
+    train_runs: tuple[str, ...]
+    test_runs: tuple[str, ...]
+    groups: tuple[Group, ...] = ()
+    traces: tuple[Trace, ...] = ()
+    steps: tuple[SearchStep, ...] = ()
+    provenance: str = ""
+
+
+#: Fields of a class that hold others.
+_PARTS: Mapping[tuple[type, str], type] = {
+    (Content, "groups"): Group,
+    (Content, "traces"): Trace,
+    (Content, "steps"): SearchStep,
+    (Group, "curves"): Curve,
+    (SearchStep, "candidates"): Candidate,
+}
+
+
+def write_content(path: str | os.PathLike[str], content: Content) -> None:
+    """Write ``content`` as JSON, atomically."""
+    write_text(Path(path), json.dumps(asdict(content), separators=(",", ":")) + "\n")
+
+
+def read_content(path: str | os.PathLike[str]) -> Content:
+    """Inverse of :func:`write_content`; :class:`InputError` names the file that is not one."""
+    try:
+        value = json.loads(Path(path).read_text("utf-8"))
+        return cast(Content, _built(Content, value))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; run the stage that writes it again (dvc repro)") from None
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{path}: {error}; run the stage that writes it again (dvc repro)") from None
+
+
+def _built(kind: type, value: Any) -> Any:
+    """``kind`` from its JSON: lists become tuples; a name that is unknown or missing raises ``TypeError``."""
+    if not isinstance(value, dict):
+        raise TypeError(f"expected the values of {kind.__name__}, found {type(value).__name__}")
+    known: dict[str, Any] = {}
+    for name, own in value.items():
+        part = _PARTS.get((kind, name))
+        if part is not None:
+            own = [_built(part, item) for item in own]
+        known[name] = tuple(own) if isinstance(own, list) else own
+    return kind(**known)

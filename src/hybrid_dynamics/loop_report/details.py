@@ -1,0 +1,248 @@
+"""The sections of a loop's page that prove and document: evidence, torque, what is left, errors, search, origin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hybrid_dynamics.loop_report import plots, words
+from hybrid_dynamics.loop_report.book import FigureBook
+from hybrid_dynamics.loop_report.content import KINDS
+from hybrid_dynamics.loop_report.sections import LEFT, Answer, Effects, LoopSection, range_of
+
+
+class Evidence(LoopSection):
+    """For each group of effects: what is missing without them, over the variable that explains it."""
+
+    title = "Evidence: the laws against held-out runs"
+    name = "evidence"
+    template = "evidence.html"
+
+    @property
+    def wanted(self) -> bool:
+        return any(group.curves for group in self.content.groups)
+
+    def values(self, book: FigureBook) -> dict[str, Any]:
+        shown = []
+        for group in self.content.groups:
+            if not group.curves:
+                continue
+            names = [self.diagnosis["effects"][k] for k in group.effects]
+            kept = [e for e in names if words.confirmed(e)] or names
+            figures = []
+            for curve in group.curves[:1] if self.light else group.curves:
+                title = f"{curve.joint}: {', '.join(words.title_of(e['effect']) for e in kept)}"
+                alt = (
+                    f"{title}. Points: torque missing on held-out runs without these effects; line: what they "
+                    f"add, over {curve.axis}; band: twice the noise floor of {words.number(curve.noise, 2)} N m."
+                )
+                figure = plots.curve_figure(curve, self.content.test_runs, curve.joint if len(group.curves) > 1 else "")
+                figures.append(book.add(figure, alt, plots.CURVE_HEIGHT))
+            shown.append(
+                {
+                    "anchor": self.group_anchor(group),
+                    "title": f"{group.where or 'Whole robot'}: {KINDS[group.kind].lower()}",
+                    "effects": [
+                        {"anchor": "#" + self.effect_anchor(e), "title": words.title_of(e["effect"])} for e in kept
+                    ],
+                    "figures": figures,
+                }
+            )
+        return {"groups": shown, "runs": self.content.test_runs}
+
+
+class Torque(LoopSection):
+    """Torque of held-out runs: measured, both models, and what is left beneath."""
+
+    title = "Torque of held-out runs"
+    name = "torque"
+    template = "torque.html"
+
+    @property
+    def wanted(self) -> bool:
+        return bool(self.content.traces)
+
+    def values(self, book: FigureBook) -> dict[str, Any]:
+        floors = dict(zip(self.diagnosis["joints"], self.diagnosis["noise_floor"], strict=True))
+        runs = list(dict.fromkeys(trace.run for trace in self.content.traces))[: 1 if self.light else None]
+        height = plots.TORQUE_HEIGHT + plots.STRIP_HEIGHT
+        return {
+            "runs": [
+                {
+                    "run": run,
+                    "figures": [
+                        book.add(
+                            plots.torque_figure(trace, floors[trace.joint]),
+                            f"Torque of {trace.joint} along held-out run {run}: measured, model before, model after, "
+                            "and below what is left.",
+                            height,
+                        )
+                        for trace in self.content.traces
+                        if trace.run == run
+                    ],
+                }
+                for run in runs
+            ],
+            "others": [run for run in self.content.test_runs if run not in runs],
+        }
+
+
+class Left(LoopSection):
+    """What no effect explains, with a formula; contradicted names; motion outside the training range."""
+
+    title = "What stays open"
+    name = LEFT
+    template = "left.html"
+
+    @property
+    def wanted(self) -> bool:
+        return bool(self.diagnosis["unexplained"] or self.diagnosis.get("extrapolation"))
+
+    def values(self, book: FigureBook) -> dict[str, Any]:
+        d = self.diagnosis
+        outside = d.get("extrapolation") or []
+        return {
+            "unexplained": [
+                {
+                    "joint": u["joint"],
+                    "share": words.share(u["share_of_residual_variance"]),
+                    "state": words.state_of(d, list(d["joints"]).index(u["joint"]))[1],
+                    "expression": u["expression"],
+                }
+                for u in d["unexplained"]
+            ],
+            "outside": [
+                {
+                    **o,
+                    "train_text": " to ".join(words.number(v, 3) for v in o["train"]),
+                    "test_text": " to ".join(words.number(v, 3) for v in o["test"]),
+                    "share": words.share(o["share_outside"]),
+                }
+                for o in outside
+                if isinstance(o, Mapping)
+            ],
+        }
+
+
+class Errors(LoopSection):
+    """Every error measure per joint, with units."""
+
+    title = "Errors in full"
+    name = "errors"
+    template = "errors.html"
+
+    def values(self, book: FigureBook) -> dict[str, Any]:
+        d = self.diagnosis
+        confirmed = "after_confirmed" in d["error"]["test"]
+        tables = []
+        for of, split, caption in (
+            ("error", "test", "Held-out runs, all samples"),
+            ("error_moving", "test", "Held-out runs, samples in which the joint moves"),
+            ("error", "train", "Training runs, all samples"),
+        ):
+            if of in d:
+                tables.append({"caption": caption, "rows": _error_rows(d, of, split), "pooled": _pooled(d, of, split)})
+        diagnostics = [
+            {
+                "joint": name,
+                "floor": range_of((d.get("noise_floor_low") or floor)[j], (d.get("noise_floor_high") or floor)[j]),
+                "learnable": words.share((d.get("learnable_share") or [None] * len(floor))[j]),
+                "memory": words.number((d.get("autocorrelation") or [None] * len(floor))[j], 2),
+                "state": words.state_of(d, j)[1],
+            }
+            for floor in (d["noise_floor"],)
+            for j, name in enumerate(d["joints"])
+        ]
+        return {"tables": tables, "confirmed": confirmed, "diagnostics": diagnostics, "two": "learnable_share" in d}
+
+
+def _error_rows(d: Mapping[str, Any], of: str, split: str) -> list[dict[str, str]]:
+    before, found, final = d[of][split]["before"], d[of][split]["after"], words.final_errors(d, split, of)
+    return [
+        {
+            "joint": name,
+            "before": words.number(before["rmse"][j]),
+            "found": words.number(found["rmse"][j]),
+            "final": words.number(final["rmse"][j]),
+            "relative_before": words.share(before["relative_rmse"][j], 3),
+            "relative_final": words.share(final["relative_rmse"][j], 3),
+        }
+        for j, name in enumerate(d["joints"])
+    ]
+
+
+def _pooled(d: Mapping[str, Any], of: str, split: str) -> str:
+    errors = (d[of][split]["before"], words.final_errors(d, split, of))
+    return " → ".join(words.share(e["relative_error"], 3) for e in errors)
+
+
+class Search(LoopSection):
+    """The search step by step: which candidates competed and why one was taken."""
+
+    title = "How it was found, step by step"
+    name = "search"
+    template = "search.html"
+
+    @property
+    def wanted(self) -> bool:
+        return bool(self.content.steps)
+
+    def values(self, book: FigureBook) -> dict[str, Any]:
+        return {
+            "steps": [
+                {
+                    "title": f"{number}. {step.action} {words.title_of(step.effect)}".rstrip()
+                    + (f" ({step.joint})" if step.joint else ""),
+                    "candidates": step.candidates,
+                }
+                for number, step in enumerate(self.content.steps, 1)
+            ]
+        }
+
+
+class Reproduce(LoopSection):
+    """Command, logs, version, settings and digests from which the page can be made again."""
+
+    title = "Reproduce"
+    name = "reproduce"
+    template = "reproduce.html"
+
+    def values(self, book: FigureBook) -> dict[str, Any]:
+        known = dict(self.diagnosis.get("provenance") or {})
+        command = known.pop("command", None)
+        return {
+            "command": command if isinstance(command, str) or command is None else " ".join(map(str, command)),
+            "rows": list(_flat(known)),
+            "train": self.content.train_runs,
+            "test": self.content.test_runs,
+            "origin": self.content.provenance,
+            "schema": self.diagnosis["schema"],
+        }
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    out: list[tuple[str, str]] = []
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            out += _flat(value, f"{name} · ")
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            if any(isinstance(item, Mapping) for item in value):
+                for item in value:
+                    out += [
+                        (
+                            name,
+                            ", ".join(f"{k} {v}" for k, v in item.items()) if isinstance(item, Mapping) else str(item),
+                        )
+                    ]
+            else:
+                out.append((name, ", ".join(map(str, value))))
+        else:
+            out.append((name, str(value)))
+    return out
+
+
+#: The page of one loop, top to bottom.
+LOOP_PAGE: tuple[type[LoopSection], ...] = (Answer, Effects, Evidence, Torque, Left, Errors, Search, Reproduce)
+#: What the study's page shows of a loop.
+STUDY_PART: tuple[type[LoopSection], ...] = (Answer, Effects, Evidence, Left)

@@ -1,0 +1,196 @@
+"""From the result of a loop to the content of its page: which effects belong together, what each of them adds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.loop.close import LoopResult
+from hybrid_dynamics.loop.diagnosis import predict_run
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop_report.content import KINDS, Candidate, Content, Curve, Group, SearchStep, Trace
+
+Array = NDArray[np.float64]
+
+#: Points of a curve and of a torque plot, held-out runs whose torque is drawn, joints drawn for a whole-robot effect.
+CURVE_POINTS, TRACE_POINTS, TRACE_RUNS, ROBOT_JOINTS = 600, 1200, 3, 3
+#: Significant digits of what is drawn: finer than a screen.
+DIGITS = 5
+
+
+def kind_of(name: str) -> str:
+    """The heading of :data:`KINDS` under which effect ``name`` stands."""
+    known = family(name)
+    if known.changes_reading:
+        return "reading"
+    if known.drawn_against == "ddq":
+        return "rotor"
+    if known.changes_body or known.is_body:
+        return "body"
+    return {"dq": "friction", "load": "friction", "q": "position", "time": "offset"}.get(known.drawn_against, "other")
+
+
+def gather(result: LoopResult, provenance: str = "") -> Content:
+    """The content of the page of ``result``."""
+    diagnosis = diagnosis_of(result)
+    names = result.model.robot.joint_names
+    return Content(
+        diagnosis=diagnosis,
+        train_runs=tuple(run.name for run in result.train),
+        test_runs=tuple(run.name for run in result.test),
+        groups=tuple(_groups(result, diagnosis)),
+        traces=tuple(_traces(result)),
+        steps=tuple(_steps(result, names)),
+        provenance=provenance,
+    )
+
+
+def diagnosis_of(result: LoopResult) -> dict[str, Any]:
+    """``diagnosis.json`` of ``result`` as plain values."""
+    diagnosis: Any = result.diagnosis
+    return dict(diagnosis) if isinstance(diagnosis, dict) else dict(diagnosis.to_json())
+
+
+def _groups(result: LoopResult, diagnosis: dict[str, Any]) -> list[Group]:
+    """Effects per place and kind, joints in the robot's order, whole-robot effects last."""
+    entries = diagnosis["effects"]
+    active = {_key(e.effect, e.joints, e.settings): e for e in result.model.effects[len(result.stages[0].effects) :]}
+    members: dict[tuple[int, int, str], list[int]] = {}
+    names = list(diagnosis["joints"])
+    for k, entry in enumerate(entries):
+        kind = kind_of(entry["effect"])
+        place = names.index(entry["joints"][0]) if entry["joints"] else len(names)
+        members.setdefault((place, list(KINDS).index(kind), kind), []).append(k)
+    out = []
+    for (place, _, kind), own in sorted(members.items()):
+        effects = [active.get(_key(entries[k]["effect"], entries[k]["joints"], entries[k]["settings"])) for k in own]
+        alone = [np.zeros(len(names)) if e is None else _added_rms(result, [e]) for e in effects]
+        there = [e for e in effects if e is not None]
+        out.append(
+            Group(
+                where=names[place] if place < len(names) else "",
+                kind=kind,
+                effects=tuple(own),
+                contribution=tuple(_round(a.max()) for a in alone),
+                contribution_joint=tuple(names[int(np.argmax(a))] for a in alone),
+                curves=tuple(_curves(result, there, kind, place)) if there else (),
+            )
+        )
+    return out
+
+
+def _key(effect: str, joints: Sequence[str], settings: Any) -> tuple[str, tuple[str, ...], str]:
+    return effect, tuple(joints), repr(sorted(dict(settings).items()))
+
+
+def _without(model: Model, effects: Sequence[Effect]) -> Model:
+    return Model(model.robot, tuple(e for e in model.effects if not any(e is o for o in effects)))
+
+
+def _added(result: LoopResult, effects: Sequence[Effect]) -> list[Array]:
+    """Torque (K, n) [N m] that ``effects`` add to the final model on every held-out run."""
+    rest = _without(result.model, effects)
+    return [predict_run(result.model, run) - predict_run(rest, run) for run in result.test]
+
+
+def _added_rms(result: LoopResult, effects: Sequence[Effect]) -> Array:
+    """(n,) [N m]."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate(_added(result, effects)) ** 2, axis=0)))
+
+
+def _curves(result: LoopResult, effects: Sequence[Effect], kind: str, place: int) -> list[Curve]:
+    """One curve at the effects' joint; for a body, one on each joint where it adds most, over what it adds."""
+    names = result.model.robot.joint_names
+    added = _added(result, effects)
+    left = [run.tau - predict_run(result.model, run) for run in result.test]
+    if kind in ("body", "reading", "other") or place >= len(names):
+        size = np.sqrt(np.mean(np.concatenate(added) ** 2, axis=0))
+        joints = [int(j) for j in np.argsort(-size, kind="stable")[:ROBOT_JOINTS] if size[j] > 0]
+        axis = "added"
+    else:
+        joints, axis = [place], {"rotor": "ddq", "position": "q", "offset": "time"}.get(kind, "dq")
+    count = sum(len(run.time) for run in result.test)
+    step = max(-(-count // CURVE_POINTS), 1)
+    out = []
+    for j in joints:
+        x = [
+            a[:, j] if axis == "added" else _variable(run, axis)[:, j]
+            for run, a in zip(result.test, added, strict=True)
+        ]
+        owner = np.concatenate([np.full(len(run.time), k) for k, run in enumerate(result.test)])[::step]
+        own = np.concatenate([a[:, j] for a in added])[::step]
+        rest = np.concatenate([e[:, j] for e in left])[::step]
+        out.append(
+            Curve(
+                joint=names[j],
+                axis=axis,
+                noise=_round(result.floor[j]),
+                x=_numbers(np.concatenate(x)[::step]),
+                missing=_numbers(own + rest),
+                added=_numbers(own),
+                run=tuple(int(v) for v in owner),
+            )
+        )
+    return out
+
+
+def _variable(run: Run, axis: str) -> Array:
+    if axis == "time":
+        return np.repeat((run.time - run.time[0])[:, None], run.tau.shape[1], axis=1)
+    return np.asarray(getattr(run, axis))
+
+
+def _traces(result: LoopResult) -> list[Trace]:
+    names = result.model.robot.joint_names
+    out = []
+    for run in result.test[:TRACE_RUNS]:
+        before, after = (predict_run(model, run) for model in (result.stages[0], result.model))
+        thin = slice(None, None, max(-(-len(run.time) // TRACE_POINTS), 1))
+        time = _numbers((run.time - run.time[0])[thin])
+        for j, name in enumerate(names):
+            shown = (_numbers(values[thin, j]) for values in (run.tau, before, after))
+            out.append(Trace(run.name, name, time, *shown))
+    return out
+
+
+def _steps(result: LoopResult, names: Sequence[str]) -> list[SearchStep]:
+    """The search as it went; a candidate counts as added only where this step added it."""
+    out = []
+    for step in result.steps:
+        candidates = tuple(
+            Candidate(
+                effect=c.slot.effect,
+                joint="" if c.slot.joint is None else names[c.slot.joint],
+                settings=", ".join(f"{key} = {_shown(value)}" for key, value in c.slot.settings),
+                score=_round(c.score),
+                gain=_round(c.gain),
+                gain_error=_round(c.gain_error),
+                added=step.action == "add" and c.slot == step.slot,
+                why=c.reason,
+            )
+            for c in step.table
+        )
+        place = "" if step.slot is None or step.slot.joint is None else names[step.slot.joint]
+        out.append(SearchStep(step.action, "" if step.slot is None else step.slot.effect, place, candidates))
+    return out
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _round(value: Any) -> float:
+    return float(f"{float(value):.{DIGITS - 1}e}") if np.isfinite(value) else 0.0
+
+
+def _numbers(values: Array) -> tuple[float, ...]:
+    """Rounded to what a screen shows; below 1e-9 is zero."""
+    values = np.where(np.abs(values) < 1e-9, 0.0, values)
+    size = np.where(values == 0, 0.0, np.floor(np.log10(np.maximum(np.abs(values), 1e-300))))
+    factor = 10.0 ** (DIGITS - 1 - size)
+    return tuple(float(f"{v:.{DIGITS}g}") for v in np.round(values * factor) / factor)

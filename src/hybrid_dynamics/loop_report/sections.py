@@ -1,0 +1,233 @@
+"""Sections of a page, as data: each a small class that prepares values for a template of its own. Here the answers.
+
+The study's page shows some of the same sections under a prefix of their own, so that no anchor stands twice.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from hybrid_dynamics.loop_report import words
+from hybrid_dynamics.loop_report.book import FigureBook
+from hybrid_dynamics.loop_report.content import KINDS, Content, Group
+from hybrid_dynamics.loop_report.html import slug
+
+#: Anchor of the section on what stays open, which the first screen links.
+LEFT = "left"
+
+
+@dataclass(frozen=True)
+class Section(ABC):
+    """A piece of a page: ``template`` (a file of ``templates/``) filled with :meth:`values`."""
+
+    title: ClassVar[str]
+    name: ClassVar[str]
+    template: ClassVar[str]
+
+    @property
+    def anchor(self) -> str:
+        return self.name
+
+    @property
+    def heading(self) -> str:
+        return self.title
+
+    @property
+    def wanted(self) -> bool:
+        """False where there is nothing to show."""
+        return True
+
+    @abstractmethod
+    def values(self, book: FigureBook) -> dict[str, Any]:
+        """What the template is filled with; figures go into ``book``."""
+
+
+@dataclass(frozen=True)
+class LoopSection(Section):
+    """A section about one loop. ``prefix`` precedes its anchors; ``light`` leaves out what only its own page shows."""
+
+    content: Content
+    prefix: str = ""
+    light: bool = False
+
+    @property
+    def anchor(self) -> str:
+        return self.prefix + self.name
+
+    @property
+    def diagnosis(self) -> Mapping[str, Any]:
+        return self.content.diagnosis
+
+    def effect_anchor(self, entry: Mapping[str, Any]) -> str:
+        return slug(f"{self.prefix}effect {entry['effect']} {' '.join(entry['joints'])}")
+
+    def group_anchor(self, group: Group) -> str:
+        return slug(f"{self.prefix}evidence {group.where or 'robot'} {group.kind}")
+
+
+class Answer(LoopSection):
+    """The first screen: what is missing, where, how much, how sure, what it buys, what stays open; one picture."""
+
+    title = "The answer"
+    name = "answer"
+    template = "answer.html"
+
+    def values(self, book: FigureBook) -> dict[str, Any]:
+        d = self.diagnosis
+        return {
+            "verdict": d["verdict"],
+            "headline": words.VERDICTS[d["verdict"]],
+            "missing": [words.capital(line) for line in words.missing(d)],
+            "link": "#" + self.prefix + Effects.name if d["effects"] else "",
+            "gains": words.gains(d),
+            "certainty": words.certainty(d),
+            "still_open": words.still_open(d),
+            "link_left": "#" + self.prefix + LEFT if d["unexplained"] else "",
+            "bars": bars(d),
+            "notes": d.get("notes", []),
+            "schema_two": "noise_floor_low" in d,
+            "mass_caveat": _mass_caveat(d),
+        }
+
+
+def bars(d: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A row per joint: widths in per cent of its larger error, numbers in N m, what is left in a word."""
+    before, after = d["error"]["test"]["before"]["rmse"], words.final_errors(d)["rmse"]
+    low, high = d.get("noise_floor_low") or d["noise_floor"], d.get("noise_floor_high") or d["noise_floor"]
+    rows = []
+    for j, name in enumerate(d["joints"]):
+        full = max(before[j], after[j], high[j], 1e-12)
+        kind, state = words.state_of(d, j)
+        rows.append(
+            {
+                "joint": name,
+                "before": 100 * before[j] / full,
+                "after": 100 * after[j] / full,
+                "low": 100 * low[j] / full,
+                "span": max(100 * (high[j] - low[j]) / full, 0.0),
+                "before_text": words.number(before[j], 3),
+                "after_text": words.number(after[j], 3),
+                "floor_text": range_of(low[j], high[j]),
+                "state": state,
+                "kind": kind,
+            }
+        )
+    return rows
+
+
+def range_of(low: float, high: float) -> str:
+    """Both numbers, or one where they read the same."""
+    one, two = words.number(low, 2), words.number(high, 2)
+    return one if one == two else f"{one} to {two}"
+
+
+def _mass_caveat(d: Mapping[str, Any]) -> str:
+    masses = [
+        p
+        for e in d["effects"]
+        if words.confirmed(e) and e["effect"] == "payload"
+        for p in e["parameters"]
+        if p["name"] in words.SCALED_BY_GAIN
+    ]
+    if not masses:
+        return ""
+    return (
+        f"{words.GAIN_CAVEAT} (1 % of {words.number(masses[0]['value'], 3)} kg is {masses[0]['value'] / 100:.2g} kg)."
+    )
+
+
+class Effects(LoopSection):
+    """Named effects per joint and kind: parameters, what each contributes, what held-out runs say."""
+
+    title = "Named effects"
+    name = "effects"
+    template = "effects.html"
+
+    @property
+    def wanted(self) -> bool:
+        return bool(self.diagnosis["effects"])
+
+    def values(self, book: FigureBook) -> dict[str, Any]:
+        return {
+            "groups": [self._group(group) for group in self.content.groups],
+            "explanations": [
+                {"effect": name, "title": words.capital(words.title_of(name)), "text": words.explanation_of(name)}
+                for name in dict.fromkeys(e["effect"] for e in self.diagnosis["effects"])
+            ],
+            "mass_caveat": _mass_caveat(self.diagnosis),
+            "prefix": self.prefix,
+            "light": self.light,
+        }
+
+    def _group(self, group: Group) -> dict[str, Any]:
+        largest = max((c for g in self.content.groups for c in g.contribution), default=0.0) or 1.0
+        rows = []
+        for place, k in enumerate(group.effects):
+            entry = self.diagnosis["effects"][k]
+            shown = _parameters(entry)
+            rows.append(
+                {
+                    "anchor": self.effect_anchor(entry),
+                    "effect": entry["effect"],
+                    "title": words.capital(words.title_of(entry["effect"])),
+                    "body": len(shown) > 4,
+                    "parameters": shown,
+                    "settings": ", ".join(f"{key} {_plain(value)}" for key, value in entry["settings"].items()),
+                    "width": 100 * group.contribution[place] / largest,
+                    "adds": words.number(group.contribution[place], 3),
+                    "adds_on": group.contribution_joint[place]
+                    if group.contribution_joint[place] != group.where
+                    else "",
+                    "confirmed": words.confirmed(entry),
+                    "asked": "confirmed" in entry,
+                    "change": _change(entry),
+                    "why_not": entry.get("why_not", ""),
+                    "alike": [_alike(other) for other in entry["indistinguishable_from"]],
+                    "torn": [_torn(item) for item in entry.get("inconsistent_between_runs", [])],
+                }
+            )
+        return {
+            "where": group.where or "Whole robot",
+            "kind": KINDS[group.kind],
+            "evidence": "" if not group.curves else "#" + self.group_anchor(group),
+            "rows": rows,
+        }
+
+
+def _parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
+    open_ = entry.get("undetermined_parameters", [])
+    return [
+        {
+            "name": p["name"],
+            "value": words.with_error(p["value"], p["std_error"], p["unit"]),
+            "left_open": "left open by the data" if p["name"] in open_ else "",
+        }
+        for p in entry["parameters"]
+    ]
+
+
+def _change(entry: Mapping[str, Any]) -> str:
+    """What leaving the effect in does to the held-out mean square error."""
+    change = entry.get("test_change")
+    if change is None:
+        return ""
+    value, error = (change["value"], change["std_error"]) if isinstance(change, Mapping) else (change, None)
+    spread = "" if error is None else f" ± {100 * error:.2g}"
+    return f"{100 * value:+.3g}{spread} %"
+
+
+def _alike(other: Mapping[str, Any]) -> dict[str, str]:
+    names = " with ".join(f"{words.title_of(e['effect'])} ({words.place_of(e)})" for e in other["effects"])
+    return {"names": names, "why": words.capital(other["why"]), "tell": words.capital(other["motion_that_would_tell"])}
+
+
+def _torn(item: Mapping[str, Any]) -> str:
+    runs = "; ".join(f"{r['run']}: {words.with_error(r['value'], r['std_error'], item['unit'])}" for r in item["runs"])
+    return f"{item['parameter']} differs between runs: {runs}"
+
+
+def _plain(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

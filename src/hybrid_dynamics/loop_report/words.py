@@ -1,0 +1,226 @@
+"""A diagnosis in words: what is missing, where, how much, how sure, what it buys, what stays open."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hybrid_dynamics.effects import family
+from hybrid_dynamics.errors import ConfigError
+
+Diagnosis = Mapping[str, Any]
+
+VERDICTS = {
+    "explained": "What the model lacked has been found and added; what is left does not depend on the motion.",
+    "partly_explained": "Part of what the model lacks has been found and added; something remains.",
+    "unexplained": "Something is missing that no effect of the catalogue explains; nothing was added.",
+    "nothing_missing": "Nothing is missing: what the model leaves does not depend on the motion.",
+}
+#: Names that are people's.
+PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+#: Parameters in proportion to which the drive gains enter: a mass is known no better than the torque is calibrated.
+SCALED_BY_GAIN = ("mass",)
+GAIN_CAVEAT = (
+    "The standard error is statistical. Torque is motor current times a declared drive gain; if that gain is off by "
+    "1 %, so is the mass"
+)
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """``value`` with ``digits`` significant digits, – where there is none."""
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+def share(value: float | None, digits: int = 2) -> str:
+    """A share as per cent."""
+    return "–" if value is None else f"{100 * value:.{digits}g} %"
+
+
+def unit_of(unit: str) -> str:
+    """``kg m^2`` as people write it."""
+    return unit.replace("^2", "²").replace("^3", "³")
+
+
+def _tail(unit: str) -> str:
+    return "" if unit in ("", "-", "–", "1") else f" {unit_of(unit)}"
+
+
+def with_error(value: float, error: float | None, unit: str) -> str:
+    """Value and standard error with as many decimals as the error warrants."""
+    tail = _tail(unit)
+    if not error:
+        return f"{number(value)}{tail}"
+    decimals = max(0, 1 - int(f"{error:e}".split("e")[1]))
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}{tail}" if decimals < 8 else f"{value:.3g} ± {error:.1g}{tail}"
+
+
+def title_of(effect: str) -> str:
+    """``coulomb_friction`` as people write it."""
+    return " ".join(PROPER.get(word, word) for word in effect.split("_"))
+
+
+def explanation_of(effect: str) -> str:
+    """What the effect is: the first paragraph of its family's documentation."""
+    try:
+        known = type(family(effect))
+    except ConfigError:
+        return ""
+    module = inspect.getmodule(known)
+    text = inspect.getdoc(module) if module is not None else None
+    return " ".join((text or "").split("\n\n")[0].split()).replace("``", "")
+
+
+def capital(text: str) -> str:
+    """First letter in upper case, the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
+def place_of(entry: Mapping[str, Any]) -> str:
+    """The joint of an effect, or the whole robot."""
+    return ", ".join(entry["joints"]) or "whole robot"
+
+
+def confirmed(entry: Mapping[str, Any]) -> bool:
+    """False only where test runs contradict the name (schema 1 did not ask them)."""
+    return bool(entry.get("confirmed", True))
+
+
+def final_errors(d: Diagnosis, split: str = "test", of: str = "error") -> Mapping[str, Any]:
+    """Errors of the model that stands in model.json: without contradicted effects."""
+    errors = d[of][split]
+    return errors.get("after_confirmed") or errors["after"]
+
+
+def where(names: Sequence[str], joints: Sequence[str]) -> str:
+    """Which of ``joints``: "all 6 joints", or by name."""
+    if len(names) == len(joints) and len(joints) > 1:
+        return f"all {len(joints)} joints"
+    shown = [n for n in joints if n in names]
+    listed = ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1]
+    return listed if len(shown) <= 3 else f"{len(shown)} of {len(joints)} joints"
+
+
+def missing(d: Diagnosis) -> list[str]:
+    """One phrase a kind of effect: what, where, how much."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for entry in d["effects"]:
+        if confirmed(entry):
+            groups.setdefault(entry["effect"], []).append(entry)
+    out = []
+    for effect, entries in groups.items():
+        joints = [entry["joints"][0] for entry in entries if entry["joints"]]
+        phrase = title_of(effect) + (f" on {where(joints, d['joints'])}" if joints else "")
+        first = [entry["parameters"][0] for entry in entries if entry["parameters"]]
+        many_numbers = any(len(entry["parameters"]) > 4 for entry in entries)
+        if len(first) == 1:
+            own = first[0]
+            phrase += f": {_words(own['name'])} {with_error(own['value'], own['std_error'], own['unit'])}"
+            if own["name"] in entries[0].get("undetermined_parameters", []):
+                phrase += " (left open by these runs)"
+        elif first and not many_numbers:
+            low, high = min(p["value"] for p in first), max(p["value"] for p in first)
+            phrase += f": {_words(first[0]['name'])} {number(low, 3)} to {number(high, 3)}{_tail(first[0]['unit'])}"
+        out.append(phrase)
+    return out
+
+
+def _words(name: str) -> str:
+    """``panda_link1/mass`` as "mass of panda_link1"."""
+    body, _, own = name.rpartition("/")
+    return own.replace("_", " ") + (f" of {body}" if body else "")
+
+
+def gains(d: Diagnosis) -> str:
+    """What the completed model buys on held-out runs."""
+    before, after = d["error"]["test"]["before"], final_errors(d)
+    if not any(confirmed(e) for e in d["effects"]):
+        return (
+            f"Nothing was added. On held-out runs the model is off by {share(before['relative_error'], 3)} of the "
+            "torque (pooled over all joints)."
+        )
+    factors = [b / a for b, a in zip(before["rmse"], after["rmse"], strict=True) if a > 0]
+    spread = f"{min(factors):.2g} to {max(factors):.2g}" if max(factors) - min(factors) > 0.05 else f"{factors[0]:.2g}"
+    return (
+        f"On held-out runs the torque error falls from {share(before['relative_error'], 3)} to "
+        f"{share(after['relative_error'], 3)} of the torque (pooled over all joints); joint by joint it becomes "
+        f"{spread} times smaller."
+    )
+
+
+def certainty(d: Diagnosis) -> list[str]:
+    """How sure the names are."""
+    out = []
+    effects = d["effects"]
+    asked = [e for e in effects if "confirmed" in e]
+    good = [e for e in asked if e["confirmed"]]
+    if asked:
+        text = f"{len(good)} of {len(asked)} names stand up to the held-out runs"
+        if len(good) < len(asked):
+            against = "; ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in asked if not e["confirmed"])
+            text += f"; contradicted, and not in the model: {against}"
+        out.append(text + ".")
+    alike = [e for e in effects if confirmed(e) and e["indistinguishable_from"]]
+    if alike:
+        pairs = "; ".join(
+            f"{title_of(e['effect'])} ({place_of(e)}) from {_alternative(e['indistinguishable_from'][0])}"
+            for e in alike[:3]
+        )
+        more = f"; and {len(alike) - 3} more" if len(alike) > 3 else ""
+        out.append(f"These runs cannot tell {pairs}{more}.")
+    torn = [e for e in effects if e.get("inconsistent_between_runs")]
+    if torn:
+        about = ", ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in torn)
+        out.append(f"Runs disagree about {about}.")
+    outside = d.get("extrapolation") or []
+    far = [o for o in outside if isinstance(o, Mapping) and o.get("share_outside", 0) > 0.05]
+    if far:
+        worst = far[0]
+        out.append(
+            f"The test motion leaves the training range: {share(worst['share_outside'])} of {worst['variable']} of "
+            f"{worst['joint']}" + (f", and {len(far) - 1} more." if len(far) > 1 else ".")
+        )
+    if not out:
+        out.append("No name was needed." if not effects else "Every name was chosen on runs held out of its own fit.")
+    return out
+
+
+def _alternative(alternative: Mapping[str, Any]) -> str:
+    return " with ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in alternative["effects"])
+
+
+def still_open(d: Diagnosis) -> list[str]:
+    """What stays open, joint by joint, in words."""
+    out = []
+    dependent = _flags(d, "motion_dependent")
+    for entry in d["unexplained"]:
+        j = list(d["joints"]).index(entry["joint"])
+        part = share(entry["share_of_residual_variance"])
+        if "motion_dependent" not in d:
+            out.append(f"{entry['joint']}: {part} of what is left (variance) is not noise.")
+        elif dependent[j]:
+            out.append(f"{entry['joint']}: what is left depends on the motion; {part} of it (variance) can be learned.")
+        else:
+            out.append(f"{entry['joint']}: what is left changes slowly; these runs cannot tell it from an effect.")
+    out += [f"{entry['joint']}: {entry['why']}." for entry in d.get("not_identifiable", [])]
+    if not out:
+        out.append("Nothing that these runs show: what is left on every joint does not depend on the motion.")
+    return out
+
+
+def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
+    """(kind, words) of what is left on a joint; kinds are ``good``, ``open`` and ``unseen``."""
+    name = d["joints"][joint]
+    if name in {entry["joint"] for entry in d.get("not_identifiable", [])}:
+        return "unseen", "never moves"
+    if _flags(d, "motion_dependent")[joint]:
+        return "open", "still depends on the motion"
+    if _flags(d, "cannot_tell")[joint]:
+        return "open", "cannot be told from slow noise"
+    if "motion_dependent" not in d and name in {entry["joint"] for entry in d["unexplained"]}:
+        return "open", "something is left"
+    return "good", "down to the noise"
+
+
+def _flags(d: Diagnosis, key: str) -> list[bool]:
+    return [bool(v) for v in d.get(key) or [False] * len(d["joints"])]
