@@ -5,19 +5,9 @@ import sys
 
 import pytest
 
-SECONDS = {"bokeh", "cvxpy", "matplotlib", "mlflow", "pandas", "pyoperon", "pysindy", "pysr"} | {"sklearn", "sympy", "torch"}
-    "bokeh",
-    "cvxpy",
-    "matplotlib",
-    "mlflow",
-    "pandas",
-    "pyoperon",
-    "pysindy",
-    "pysr",
-    "sklearn",
-    "sympy",
-    "torch",
-}
+SECONDS = {
+    "bokeh", "cvxpy", "matplotlib", "mlflow", "pandas", "pyoperon", "pysindy", "pysr", "sklearn", "sympy", "torch",
+}  # fmt: skip
 
 
 def loaded_by(code: str) -> set[str]:
