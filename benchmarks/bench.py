@@ -84,6 +84,7 @@ ROWS: tuple[Row, ...] = (
     Row("memory of close-loop, 7 joints, 4 x {} s at 500 Hz", "arm_500_hz", 16, None, 1000.0, None, "peak_mb", 1),
     Row("close-loop, 7 joints, 4 x {} s at 1 kHz", "arm_1_khz", 60, None, 45.0, repeats=1),
     Row("memory of close-loop, 7 joints, 4 x {} s at 1 kHz", "arm_1_khz", 60, None, 1000.0, None, "peak_mb", 1),
+    Row("exported C, 7 joints, 20 effects, {} calls (2 us each)", "c_torque", 1_000_000, 1_000_000, 2.0),
     Row("predict, {} samples", "predict", 1_000_000, 100_000, None),
     Row("memory of close-loop, {} hours of 7 joints at 500 Hz", "many_hours", 10, None, 2000.0, None, "peak_mb", 1),
 )  # fmt: skip

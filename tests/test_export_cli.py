@@ -3,6 +3,7 @@
 import json
 import os
 import stat
+import sys
 
 import pytest
 from tests.support_export import FINGER, saved
@@ -187,3 +188,17 @@ def test_the_same_model_gives_the_same_bytes(model, tmp_path, capsys):
             assert run(capsys, *arguments(folder / "model.json", form, folder / f"arm.{ending}"))[0] == 0
             written.append((folder / f"arm.{ending}").read_bytes())
         assert written[0] == written[1], form
+
+
+@pytest.mark.parametrize(("form", "extra"), [("c", "export"), ("mjcf", "export"), ("onnx", "onnx")])
+def test_without_the_extra_the_remedy_is_told(form, extra, path, tmp_path, capsys, monkeypatch):
+    for module in [name for name in sys.modules if name.startswith("hybrid_dynamics.export.")]:
+        monkeypatch.delitem(sys.modules, module)
+    for library in ("casadi", "mujoco", "onnx"):
+        monkeypatch.setitem(sys.modules, library, None)
+    ending = {**ENDINGS, "onnx": "onnx"}[form]
+    code, _, err = run(capsys, *arguments(path, form, tmp_path / f"arm.{ending}"))
+    assert code == 2
+    assert f"pip install 'hybrid-dynamics[{extra}]'" in err
+    # A URDF needs none of them.
+    assert run(capsys, *arguments(path, "urdf", tmp_path / "arm.urdf"))[0] == 0

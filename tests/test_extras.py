@@ -16,6 +16,8 @@ from small_arm import arm, write_logs
 
 #: Packages that only an extra brings (pyproject.toml).
 EXTRAS = {
+    "export": ("casadi", "mujoco"),
+    "onnx": ("onnx",),
     "bags": ("mcap", "mcap_ros1", "mcap_ros2", "rosbags"),
     "nn": ("torch", "safetensors"),
     "pysr": ("pysr",),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks.cases import declared, derivative, dynamics, loop, sindy, symbolic
+from benchmarks.cases import declared, derivative, dynamics, export, loop, sindy, symbolic
 
 Case = Callable[[str, int], Callable[[], dict[str, Any]]]
 
@@ -31,5 +31,6 @@ CASES: dict[str, Case] = {
     "loop_runs": loop.runs,
     "loop_joints": loop.joints,
     "predict": loop.predict,
+    "c_torque": export.c_torque,
     "many_hours": loop.many_hours,
 }

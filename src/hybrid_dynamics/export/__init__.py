@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Format:
-    """Module that renders it, file endings, the library it needs and the extra that brings it."""
+    """Module that renders it, file endings, and the extra that brings the library it needs."""
 
     module: str
     endings: tuple[str, ...]
-    library: str = "casadi"
     extra: str = "export"
 
 
@@ -22,9 +21,9 @@ class Format:
 NETWORK = "onnx"
 FORMATS: dict[str, Format] = {
     "urdf": Format("urdf", (".urdf",)),
-    "mjcf": Format("mjcf", (".xml", ".mjcf"), "mujoco"),
+    "mjcf": Format("mjcf", (".xml", ".mjcf")),
     "c": Format("c_source", (".c",)),
     "python": Format("python_source", (".py",)),
     "casadi": Format("casadi_function", (".casadi",)),
-    NETWORK: Format("onnx_graph", (".onnx",), "onnx", NETWORK),
+    NETWORK: Format("onnx_graph", (".onnx",), NETWORK),
 }

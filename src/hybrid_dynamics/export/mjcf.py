@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import readings
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.export.rigid_body import joint_axis
+from hybrid_dynamics.export.body import joint_axis
 from hybrid_dynamics.export.source import Rendered, Source
 from hybrid_dynamics.export.terms import Terms
 from hybrid_dynamics.robots.urdf import lock_joints

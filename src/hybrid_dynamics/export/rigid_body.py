@@ -7,7 +7,6 @@ its numbers from the Pinocchio model that the rest of the project computes with,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as cs
@@ -15,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from hybrid_dynamics.export.body import BodyNumbers, joint_axis
 from hybrid_dynamics.robots import Robot
 
 Array = NDArray[np.float64]
@@ -23,36 +23,10 @@ Array = NDArray[np.float64]
 ROUNDING = 1e-15
 
 
-@dataclass(frozen=True)
-class BodyNumbers:
-    """What effects may change in a rigid body; entries are numbers or symbols.
-
-    ``inertias`` (n, 10) dynamic parameters in joint order (Pinocchio's ten), ``armature`` (n,) [kg m^2], ``gravity``
-    (3,) [m/s^2].
-    """
-
-    inertias: Any
-    armature: Any
-    gravity: Any
-
-    @classmethod
-    def of(cls, robot: Robot) -> BodyNumbers:
-        """The numbers of ``robot``."""
-        model = robot.model
-        inertias = np.array([model.inertias[i].toDynamicParameters() for i in robot.joint_ids])
-        armature = np.array([model.armature[model.idx_vs[i]] for i in robot.joint_ids])
-        return cls(inertias, armature, np.asarray(model.gravity.linear).copy())
-
-    @classmethod
-    def symbols(cls, n: int) -> BodyNumbers:
-        """Symbols in the place of all numbers."""
-        return cls(cs.SX.sym("pi", n, 10), cs.SX.sym("armature", n), cs.SX.sym("gravity", 3))
-
-    def flat(self) -> Any:
-        """All entries in one column: inertias row by row, armature, gravity."""
-        if isinstance(self.inertias, cs.SX):
-            return cs.vertcat(cs.reshape(self.inertias.T, -1, 1), self.armature, self.gravity)
-        return np.concatenate([self.inertias.ravel(), self.armature, self.gravity])
+def symbols(n: int) -> tuple[BodyNumbers, cs.SX]:
+    """Symbols in the place of all numbers, and all of them in one column in the order of :meth:`BodyNumbers.flat`."""
+    body = BodyNumbers(cs.SX.sym("pi", n, 10), cs.SX.sym("armature", n), cs.SX.sym("gravity", 3))
+    return body, cs.vertcat(cs.reshape(body.inertias.T, -1, 1), body.armature, body.gravity)
 
 
 def inverse_dynamics(robot: Robot, body: BodyNumbers, q: cs.SX, dq: cs.SX, ddq: cs.SX) -> cs.SX:
@@ -114,13 +88,6 @@ def _axis(model: pin.Model, joint: int) -> tuple[cs.SX, bool]:
     subspace = joint_axis(model, joint)
     slides = bool(subspace[:3].any())
     return _exact(subspace[:3] if slides else subspace[3:]), slides
-
-
-def joint_axis(model: pin.Model, joint: int) -> Array:
-    """(6,) the motion that a unit of joint speed makes in the joint's frame: linear, angular."""
-    data = model.joints[joint].createData()
-    model.joints[joint].calc(data, pin.neutral(model))
-    return np.asarray(data.S, float).ravel()
 
 
 def _placement(model: pin.Model, joint: int, axis: cs.SX, slides: bool, q: cs.SX) -> tuple[cs.SX, cs.SX]:

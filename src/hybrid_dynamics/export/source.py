@@ -7,16 +7,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, family
 from hybrid_dynamics.export.carry import OF_THE_RECORDING, carried
-from hybrid_dynamics.export.symbolic import SymbolicModel
 from hybrid_dynamics.export.terms import Terms, terms
 from hybrid_dynamics.loop.model import Model, load_model, read_model
 from hybrid_dynamics.loop.uncertainty import Uncertainty, uncertain_parameters, uncertainty_from
 from hybrid_dynamics.robots import Robot
+
+if TYPE_CHECKING:
+    from hybrid_dynamics.export.symbolic import SymbolicModel
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,8 @@ class Source:
     @property
     def symbolic(self) -> SymbolicModel:
         """What is kept, as CasADi functions."""
+        from hybrid_dynamics.export.symbolic import SymbolicModel  # CasADi: the descriptions do without it
+
         if self.uncertainty is None:
             return SymbolicModel(self.kept)
         kept = [any(e is effect for e in self.kept.effects) for effect in self.model.effects]

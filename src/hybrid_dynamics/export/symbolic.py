@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, State, family, plant, readings
-from hybrid_dynamics.export.rigid_body import BodyNumbers, inverse_dynamics
+from hybrid_dynamics.export.body import BodyNumbers
+from hybrid_dynamics.export.rigid_body import inverse_dynamics
+from hybrid_dynamics.export.rigid_body import symbols as body_symbols
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.uncertainty import uncertain_parameters
 
@@ -188,10 +190,10 @@ class SymbolicModel:
             symbols.append(cs.SX.sym(f"p{len(symbols)}"))
             values.append(effect.parameters[key])
             changed[position[id(effect)]][key] = symbols[-1]
-        body = BodyNumbers.symbols(self.n)
+        body, entries = body_symbols(self.n)
         reading = [cs.SX.sym(f"reading{k}") for k in range(2 * self.n)]
         torque = self._torque(body, {"offset": reading[: self.n], "gain": reading[self.n :]}, changed)
-        held = cs.vertcat(*symbols, body.flat(), *reading)
+        held = cs.vertcat(*symbols, entries, *reading)
         at = cs.vertcat(*values, self._entries(self.model.effects))
         columns = []
         for symbol, size in directions:

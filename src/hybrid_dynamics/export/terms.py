@@ -14,7 +14,7 @@ import numpy as np
 from hybrid_dynamics.effects import Effect, family
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.effects.sign import TRAVEL, WIDTH
-from hybrid_dynamics.export.rigid_body import BodyNumbers
+from hybrid_dynamics.export.body import BodyNumbers
 from hybrid_dynamics.robots import Robot
 
 Terms = dict[str, float]

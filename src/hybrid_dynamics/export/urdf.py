@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.inertia import INERTIA_ENTRIES, is_physical, to_body, to_dynamic
-from hybrid_dynamics.export.rigid_body import BodyNumbers
+from hybrid_dynamics.export.body import BodyNumbers
 from hybrid_dynamics.export.source import Rendered, Source
 from hybrid_dynamics.export.xml_text import Node, XmlText
 from hybrid_dynamics.robots.urdf import MOVABLE

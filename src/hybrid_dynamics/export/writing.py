@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from hybrid_dynamics.errors import InputError, MissingDependencyError
+from hybrid_dynamics.errors import InputError, needs_extra
 from hybrid_dynamics.export import FORMATS, NETWORK
 from hybrid_dynamics.export.source import Source, name
 from hybrid_dynamics.files import atomic_path, check_target
@@ -78,10 +78,5 @@ def _check(path: Path, inputs: Sequence[PathLike], force: bool) -> None:
 
 def _writer(form: str) -> ModuleType:
     kind = FORMATS[form]
-    try:
-        importlib.import_module(kind.library)
-    except ImportError:
-        raise MissingDependencyError(
-            f"--format {form} needs {kind.library}; install it with pip install 'hybrid-dynamics[{kind.extra}]'"
-        ) from None
-    return importlib.import_module(f"hybrid_dynamics.export.{kind.module}")
+    with needs_extra(kind.extra, f"--format {form}"):
+        return importlib.import_module(f"hybrid_dynamics.export.{kind.module}")
