@@ -1,6 +1,7 @@
 """Effects: columns, constraints and the way into dynamics are one and the same equation."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, is_physical, link_p
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.loop.model import effect_from_json, effect_to_json
 from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.study.effect_pages import pages
 
 TIME = np.arange(0.0, 4.0, 5e-3)
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
@@ -286,3 +288,14 @@ def test_catalogue_names_what_is_unknown_or_incomplete(panda):
         Effect("payload", JOINT, BODY)
     with pytest.raises(InputError, match=r"has no joint 'elbow'; its joints are panda_joint1"):
         plant(panda, [Effect("torque_offset", ("elbow",), {"offset": 1.0})])
+
+
+def test_pages_of_the_catalogue_say_what_the_code_does():
+    folder = Path(__file__).parents[1] / "docs" / "effects"
+    written = {path.name: path.read_text("utf-8") for path in folder.glob("*.md")}
+    assert written == pages(), "run python -m hybrid_dynamics.study.effect_pages docs/effects"
+    for name in catalogue(everything=True):
+        kind = family(name)
+        assert kind.equation
+        assert kind.shown_by
+        assert all(other in catalogue(everything=True) for e in kind.equivalent_to for other in e.effects)

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 class AsymmetricCoulombFriction(Family):
     name = "asymmetric_coulomb_friction"
     scope = "joint"
+    equation = r"\tau = F_c^{+}\ (\dot q > 0),\quad \tau = -F_c^{-}\ (\dot q < 0),\quad F_c^{\pm} \ge 0"
     parameters = (Parameter("coulomb_torque_positive", "N m"), Parameter("coulomb_torque_negative", "N m"))
     size = 2
     searched = False

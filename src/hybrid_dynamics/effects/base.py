@@ -143,6 +143,8 @@ class Family(ABC):
     name: ClassVar[str]
     scope: ClassVar[Scope]
     parameters: ClassVar[tuple[Parameter, ...]]
+    #: The torque that the drive must add (TeX).
+    equation: ClassVar[str] = ""
     #: Number of coordinates; ask ``slot.size`` where it may depend on the slot.
     size: ClassVar[int] = 1
     #: Sought without being asked for by name.

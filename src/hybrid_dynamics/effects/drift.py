@@ -30,6 +30,7 @@ _START = 30.0
 class Drift(Family):
     name = "drift"
     scope = "joint"
+    equation = r"\tau = r\,T\,(1 - e^{-t/T})\,g,\quad g \in \{1,\ \operatorname{sign}(\dot q),\ \dot q\}"
     parameters = (Parameter("rate", "N m/s"), Parameter(CONSTANT, "s"))
     size = 1
     searched = False

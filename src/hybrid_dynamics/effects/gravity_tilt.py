@@ -44,6 +44,9 @@ def tilted_gravity(roll: float, pitch: float, size: float) -> Array:
 class GravityTilt(Family):
     name = "gravity_tilt"
     scope = "robot"
+    equation = (
+        r"g_\text{base} = R_\text{base}^\top (0, 0, -g)^\top,\quad R_\text{base} = R_y(\text{pitch})\,R_x(\text{roll})"
+    )
     parameters = (Parameter("roll", "rad"), Parameter("pitch", "rad"))
     size = 3
     changes_body = True

@@ -32,6 +32,10 @@ _REACH = 2
 class JointCoupling(Family):
     name = "joint_coupling"
     scope = "joint"
+    equation = (
+        r"\tau_j = c\,\dot q_k + d\,\operatorname{sign}(s) + e\,\ddot q_k,"
+        r"\quad s \in \{\dot q_k,\ \dot q_j + \dot q_k,\ \dot q_j - \dot q_k\}"
+    )
     parameters = (
         Parameter("viscous_coefficient", "N m s/rad"),
         Parameter("coulomb_torque", "N m"),

@@ -32,6 +32,7 @@ def _shifted(own: Array, com: Array) -> Array:
 class LinkCom(Family):
     name = "link_com"
     scope = "link"
+    equation = r"\tau = Y_i(q, \dot q, \ddot q)\,\bigl(\pi_i(m_i, c, I_i^c) - \pi_i^\text{URDF}\bigr)"
     parameters = tuple(Parameter(axis, "m") for axis in _AXES)
     size = 3
     nonlinear = True

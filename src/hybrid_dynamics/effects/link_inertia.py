@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 class LinkInertia(Family):
     name = "link_inertia"
     scope = "link"
+    equation = r"\tau = Y_i(q, \dot q, \ddot q)\,(\pi_i - \pi_i^\text{URDF}),\quad \pi_i \text{ a body that can exist}"
     parameters = BODY_PARAMETERS
     size = 10
     is_body = True

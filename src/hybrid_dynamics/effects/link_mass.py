@@ -27,6 +27,7 @@ _LEAST = 0.02
 class LinkMass(Family):
     name = "link_mass"
     scope = "link"
+    equation = r"\tau = Y_i(q, \dot q, \ddot q)\,\pi_i^\text{URDF}\,(m_i / m_i^\text{URDF} - 1)"
     parameters = (Parameter("mass", "kg"),)
     changes_body = True
     searched = False

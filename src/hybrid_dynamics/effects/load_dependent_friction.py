@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 class LoadDependentFriction(Family):
     name = "load_dependent_friction"
     scope = "joint"
+    equation = r"\tau = \mu\,|\tau_\text{load}|\operatorname{sign}(\dot q),\quad \mu \ge 0"
     parameters = (Parameter("load_coefficient", "1"),)
     uses_load = True
     turns_sign = True

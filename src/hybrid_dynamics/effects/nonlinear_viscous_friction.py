@@ -24,6 +24,10 @@ Array = NDArray[np.float64]
 class NonlinearViscousFriction(Family):
     name = "nonlinear_viscous_friction"
     scope = "joint"
+    equation = (
+        r"\tau = F_2\,\dot q\,|\dot q| + F_3\,\dot q^3,"
+        r"\quad F_v + F_2 v + F_3 v^2 \ge 0 \text{ at all speeds } v \text{ seen}"
+    )
     size = 2
     parameters = (
         Parameter("quadratic_coefficient", "N m s^2/rad^2"),

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 class Payload(Family):
     name = "payload"
     scope = "robot"
+    equation = r"\tau = Y_n(q, \dot q, \ddot q)\,\pi,\quad \pi \text{ a body that can exist}"
     parameters = BODY_PARAMETERS
     size = 10
     is_body = True

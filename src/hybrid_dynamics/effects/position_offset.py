@@ -21,6 +21,7 @@ _STEP = 1e-4  # rad: the difference is exact to 1e-8 of the torque, far above ro
 class PositionOffset(Family):
     name = "position_offset"
     scope = "joint"
+    equation = r"\tau = \tau_\text{model}(q + \delta e_j, \dot q, \ddot q) - \tau_\text{model}(q, \dot q, \ddot q)"
     parameters = (Parameter("offset", "rad"),)
     searched = False
     nonlinear = True

@@ -28,6 +28,10 @@ _GRID = (0.03, 0.1, 0.3)
 class StribeckFriction(Family):
     name = "stribeck_friction"
     scope = "joint"
+    equation = (
+        r"\tau = \left(F_c + (F_s - F_c)\,e^{-(\dot q / v_s)^2}\right)\operatorname{sign}(\dot q),"
+        r"\quad F_s \ge F_c \ge 0"
+    )
     parameters = (Parameter("coulomb_torque", "N m"), Parameter("static_torque", "N m"), Parameter(VELOCITY, "rad/s"))
     size = 2
     searched = False

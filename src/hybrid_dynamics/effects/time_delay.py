@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 class TimeDelay(Family):
     name = "time_delay"
     scope = "robot"
+    equation = r"\tau_\text{recorded}(t) = \tau_\text{model}(t - d)"
     parameters = (Parameter("delay", "s"),)
     searched = False
     nonlinear = True

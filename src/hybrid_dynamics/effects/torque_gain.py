@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 class TorqueGain(Family):
     name = "torque_gain"
     scope = "joint"
+    equation = r"\tau = (k - 1)\,\tau_\text{model without the gain},\quad k > 0"
     shared = True
     parameters = (Parameter("gain", "1"),)
     searched = False

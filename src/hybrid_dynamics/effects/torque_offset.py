@@ -13,6 +13,7 @@ from hybrid_dynamics.effects.state import Equivalence, Parameter, State
 class TorqueOffset(Family):
     name = "torque_offset"
     scope = "joint"
+    equation = r"\tau = b"
     parameters = (Parameter("offset", "N m"),)
     drawn_against = "time"
     shown_by = "the joint rests and moves in many positions and in both directions"

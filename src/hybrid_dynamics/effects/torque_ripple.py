@@ -67,6 +67,7 @@ def spectrum(q: Array, residual: Array, highest: float = _HIGHEST) -> tuple[Arra
 class TorqueRipple(Family):
     name = "torque_ripple"
     scope = "joint"
+    equation = r"\tau = A \sin(n\,q + \varphi),\quad A \ge 0"
     parameters = (Parameter("amplitude", "N m"), Parameter(HARMONIC, "1/rad"), Parameter("phase", "rad"))
     size = 2
     searched = False
