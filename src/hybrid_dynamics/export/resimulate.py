@@ -6,7 +6,8 @@ a second: longer ones would show how errors of position feed on themselves, not 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -14,6 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.export import mjcf
+from hybrid_dynamics.export.source import Source
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.process import ProcessSettings, process
+from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -47,6 +53,27 @@ class StateError:
     windows: int
 
 
+def before_and_after(
+    source: Source, runs: Sequence[Trajectory], settings: ResimulationSettings | None = None
+) -> tuple[StateError, StateError]:
+    """State error of the robot without effects and of the completed model against held-out ``runs`` (logs as read).
+
+    Position, velocity and torque pass the loop's filter first, so that they belong together.
+    """
+    smoothed = [_smoothed(run, source.robot) for run in runs]
+    errors = []
+    for model in (Model(source.robot), source.kept):
+        (xml,) = mjcf.render(replace(source, model=model), "robot.xml", []).files.values()
+        errors.append(resimulate(xml.decode(), source.robot.joint_names, smoothed, settings))
+    return errors[0], errors[1]
+
+
+def _smoothed(run: Trajectory, robot: Robot) -> Trajectory:
+    processed = process(run, robot, ProcessSettings())
+    signals = {"q": processed.q, "dq": processed.dq, "tau": processed.tau}
+    return Trajectory(run.name, run.split, processed.time, signals)
+
+
 def set_for_simulation(model: Any, step: float) -> None:
     """Set a compiled MJCF export for forward simulation with time steps of ``step`` [s].
 
@@ -75,7 +102,7 @@ def _compiled(xml: str, joints: tuple[str, ...], step: float) -> Any:
 
 
 def resimulate(
-    xml: str, joints: tuple[str, ...], runs: list[Trajectory], settings: ResimulationSettings | None = None
+    xml: str, joints: tuple[str, ...], runs: Sequence[Trajectory], settings: ResimulationSettings | None = None
 ) -> StateError:
     """State error of the MJCF text ``xml`` against ``runs`` (signals q, dq, tau of ``joints``), in short windows.
 
