@@ -40,8 +40,8 @@ def main() -> None:
                 robot, logs, [], settings, start, progress=lambda text, share, tell=progress: tell(share, text)
             )
         write_result(files.questions / question, result)
-        named = ", ".join(effect["effect"] for effect in result.diagnosis["effects"]) or "nothing"
-        print(f"{files.dataset}: {question}: {result.diagnosis['verdict']}; named: {named}")
+        named = ", ".join(e.effect.effect for e in result.diagnosis.effects) or "nothing"
+        print(f"{files.dataset}: {question}: {result.diagnosis.verdict}; named: {named}")
 
 
 if __name__ == "__main__":

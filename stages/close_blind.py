@@ -22,7 +22,7 @@ def close(log: Path, urdf: Path, out: Path, settings: LoopSettings) -> str:
     runs = {split: read_trajectories(log, split=split) for split in ("train", "test")}
     result = close_loop(Robot.from_urdf(urdf), runs["train"], runs["test"], settings)
     write_diagnosis(out, result.diagnosis)
-    return f"{log.stem}: {result.diagnosis['verdict']}"
+    return f"{log.stem}: {result.diagnosis.verdict}"
 
 
 def main() -> None:

@@ -25,7 +25,7 @@ def main() -> None:
         )
     write_result(folder, result)
     write_text(folder / "steps.csv", step_table(result, files.dataset, provenance).to_csv(index=False))
-    print(f"{files.dataset}: {result.diagnosis['verdict']}, {len(result.diagnosis['effects'])} effects named")
+    print(f"{files.dataset}: {result.diagnosis.verdict}, {len(result.diagnosis.effects)} effects named")
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ def swing(arm: Robot, reach: float, seed: int, effects=(TILT,), about=(0.5, 0.4)
 
 def alternatives(arm: Robot, reach: float) -> list[tuple[set, str]]:
     runs = [swing(arm, reach, seed) for seed in range(4)]
-    diagnosis = close_loop(arm, runs[:3], runs[3:]).diagnosis
+    diagnosis = close_loop(arm, runs[:3], runs[3:]).diagnosis.to_json()
     assert [e["effect"] for e in diagnosis["effects"]] == ["gravity_tilt"]
     return [
         ({(e["effect"], *e["joints"]) for e in other["effects"]}, other["motion_that_would_tell"])
@@ -68,7 +68,7 @@ def test_a_wide_motion_tells_the_tilt_from_offsets(arm):
 def test_the_noise_floor_holds_where_one_run_moves_farther_than_the_others(arm):
     reach = (0.03, 0.03, 0.9, 0.03)
     runs = [swing(arm, r, seed, (), (0.0, 0.0)) for seed, r in enumerate(reach)]
-    diagnosis = close_loop(arm, runs[:3], runs[3:]).diagnosis
+    diagnosis = close_loop(arm, runs[:3], runs[3:]).diagnosis.to_json()
     assert diagnosis["verdict"] == "nothing_missing"
     # Nothing is missing, so what is left of the torque is the noise, in all four runs.
     left = [np.square(diagnosis["error_moving"][part]["after"]["rmse"]) for part in ("train", "test")]

@@ -57,7 +57,7 @@ def test_each_family_planted_alone_is_named_and_nothing_else(name, panda):
         effects = []
     train, test = exercises(panda, effects, train=3, test=1, **SHORT)
     result = close_loop(panda, train, test)
-    diagnosis = result.diagnosis
+    diagnosis = result.diagnosis.to_json()
     assert named(diagnosis) == [(e.effect, e.joints) for e in effects]
     assert diagnosis["verdict"] == ("explained" if effects else "nothing_missing")
     after = np.array(diagnosis["error_moving"]["test"]["after"]["rmse"])
@@ -89,14 +89,14 @@ def test_effects_that_mask_each_other_are_separated_with_the_same_bytes_every_ti
     ]
     train, test = exercises(panda, effects, train=3, test=1, **SHORT)
     first = close_loop(panda, train, test)
-    assert set(named(first.diagnosis)) == {(e.effect, e.joints) for e in effects}
-    assert json.dumps(close_loop(panda, train, test).diagnosis) == json.dumps(first.diagnosis)
+    assert set(named(first.diagnosis.to_json())) == {(e.effect, e.joints) for e in effects}
+    assert json.dumps(close_loop(panda, train, test).diagnosis.to_json()) == json.dumps(first.diagnosis.to_json())
     page = report_html(first)
     assert page == report_html(first)
     assert "gravity_tilt" in page
     # One step further, from the completed model, nothing is missing.
     again = close_loop(panda, train, test, start=first.model)
-    assert again.diagnosis["verdict"] == "nothing_missing"
+    assert again.diagnosis.to_json()["verdict"] == "nothing_missing"
 
 
 def test_friction_that_grows_with_the_load_is_told_from_plain_friction(panda):
@@ -108,7 +108,7 @@ def test_friction_that_grows_with_the_load_is_told_from_plain_friction(panda):
     train, test = exercises(panda, effects, train=3, test=1, **SHORT)
     for run in (*train, *test):
         assert np.isfinite(run["tau"]).all()
-    diagnosis = close_loop(panda, train, test).diagnosis
+    diagnosis = close_loop(panda, train, test).diagnosis.to_json()
     assert set(named(diagnosis)) == {(e.effect, e.joints) for e in effects}
     values = {e["effect"]: e["parameters"][0]["value"] for e in diagnosis["effects"]}
     assert values["load_dependent_friction"] == pytest.approx(0.08, rel=0.05)
@@ -121,10 +121,10 @@ def test_friction_of_the_starting_model_that_became_less_is_named_and_stays_fric
     worn_in = Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 2.2}, width)
     train, test = exercises(panda, [worn_in], train=3, test=1, **SHORT)
     result = close_loop(panda, train, test, start=Model(panda, (friction,)))
-    assert named(result.diagnosis) == [("coulomb_friction", ("panda_joint4",))]
-    change = result.diagnosis["effects"][0]["parameters"][0]
+    assert named(result.diagnosis.to_json()) == [("coulomb_friction", ("panda_joint4",))]
+    change = result.diagnosis.to_json()["effects"][0]["parameters"][0]
     assert change["value"] == pytest.approx(-0.8, rel=0.02)
-    told = next(n for n in result.diagnosis["notes"] if "since the starting model" in n)
+    told = next(n for n in result.diagnosis.to_json()["notes"] if "since the starting model" in n)
     assert told.startswith("coulomb_friction of panda_joint4: coulomb_torque changed from 3 to 2.")
     # The sum is still friction: the saved model is accepted.
     result.model.save(tmp_path / "model.json")
@@ -132,7 +132,7 @@ def test_friction_of_the_starting_model_that_became_less_is_named_and_stays_fric
     # Torque that would need friction to drive is no friction that became less.
     pushing = [4.0 * np.sign(np.gradient(run["q"], axis=0)) * (np.arange(7) == 3) for run in (*train, *test)]
     driven = [run.with_signals(tau=run["tau"] - push) for run, push in zip((*train, *test), pushing, strict=True)]
-    wrong = close_loop(panda, driven[:3], driven[3:], start=Model(panda, (friction,))).diagnosis
+    wrong = close_loop(panda, driven[:3], driven[3:], start=Model(panda, (friction,))).diagnosis.to_json()
     left = [e["parameters"][0]["value"] for e in wrong["effects"] if e["joints"] == ["panda_joint4"]]
     assert all(value >= -3.0 - 1e-9 for value in left)
     assert wrong["verdict"] != "explained"
@@ -145,7 +145,7 @@ def test_friction_of_the_starting_model_that_follows_the_load_carries_a_new_payl
     ]
     heavy = dict(BODY, mass=2.5)
     train, test = exercises(panda, [*friction, Effect("payload", (), heavy)], train=3, test=1, **SHORT)
-    diagnosis = close_loop(panda, train, test, start=Model(panda, tuple(friction))).diagnosis
+    diagnosis = close_loop(panda, train, test, start=Model(panda, tuple(friction))).diagnosis.to_json()
     assert named(diagnosis) == [("payload", ())]
     assert diagnosis["effects"][0]["parameters"][0]["value"] == pytest.approx(2.5, rel=0.01)
     assert diagnosis["verdict"] == "explained"
@@ -163,7 +163,7 @@ def test_a_knock_is_told_and_left_out_of_the_fit(panda):
     effect = Effect("viscous_friction", ("panda_joint2",), {"viscous_coefficient": 2.0})
     train, test = exercises(panda, [effect], train=3, test=1, **SHORT)
     everywhere = list(range(7))
-    diagnosis = close_loop(panda, [knocked(train[0], everywhere, 40.0, 0.1), *train[1:]], test).diagnosis
+    diagnosis = close_loop(panda, [knocked(train[0], everywhere, 40.0, 0.1), *train[1:]], test).diagnosis.to_json()
     assert named(diagnosis) == [("viscous_friction", ("panda_joint2",))]
     assert diagnosis["effects"][0]["parameters"][0]["value"] == pytest.approx(2.0, rel=0.02)
     assert diagnosis["verdict"] == "explained"
@@ -180,14 +180,14 @@ def test_a_knock_is_told_and_left_out_of_the_fit(panda):
 )
 def test_what_is_no_knock_is_not_left_out(joints, seconds, panda):
     train, test = exercises(panda, train=3, test=1, **SHORT)
-    diagnosis = close_loop(panda, [knocked(train[0], joints, 40.0, seconds), *train[1:]], test).diagnosis
+    diagnosis = close_loop(panda, [knocked(train[0], joints, 40.0, seconds), *train[1:]], test).diagnosis.to_json()
     assert not any("knock" in note for note in diagnosis["notes"])
 
 
 def test_first_joint_rotor_and_link_cannot_be_told_apart_and_it_says_so(panda):
     effect = Effect("armature", ("panda_joint1",), {"armature": 0.2})
     train, test = exercises(panda, [effect], train=3, test=1, **SHORT)
-    entry = close_loop(panda, train, test).diagnosis["effects"][0]
+    entry = close_loop(panda, train, test).diagnosis.to_json()["effects"][0]
     assert entry["effect"] == "armature"
     others = {tuple(o["effects"][0]["joints"]): o for o in entry["indistinguishable_from"]}
     assert "same torque" in others[("panda_joint1",)]["why"]
@@ -198,7 +198,7 @@ def test_a_payload_turned_between_runs_is_inconsistent_not_averaged_in_silence(p
     turned = dict(BODY, com_x=-0.08)
     one = [exercise(panda, [Effect("payload", (), dict(BODY, com_x=0.08))], name=f"a{k}", **SHORT) for k in range(2)]
     two = [exercise(panda, [Effect("payload", (), turned)], name=f"b{k}", **SHORT) for k in range(2)]
-    diagnosis = close_loop(panda, [one[0], two[0]], [one[1], two[1]]).diagnosis
+    diagnosis = close_loop(panda, [one[0], two[0]], [one[1], two[1]]).diagnosis.to_json()
     assert named(diagnosis) == [("payload", ())]
     disagreeing = {d["parameter"]: d["runs"] for d in diagnosis["effects"][0]["inconsistent_between_runs"]}
     assert "com_x" in disagreeing
@@ -210,7 +210,7 @@ def test_a_payload_turned_between_runs_is_inconsistent_not_averaged_in_silence(p
     same = close_loop(
         panda, [one[0], one[1]], [exercise(panda, [Effect("payload", (), dict(BODY, com_x=0.08))], name="c", **SHORT)]
     )
-    assert "inconsistent_between_runs" not in same.diagnosis["effects"][0]
+    assert "inconsistent_between_runs" not in same.diagnosis.to_json()["effects"][0]
 
 
 def test_runs_that_disagree_by_little_are_told_with_the_parameter(panda):
@@ -220,7 +220,7 @@ def test_runs_that_disagree_by_little_are_told_with_the_parameter(panda):
         exercise(panda, [Effect("payload", (), dict(heavy, com_y=y))], name=f"r{k}", duration=10.0)
         for k, y in enumerate((0.003, -0.003))
     ]
-    diagnosis = close_loop(panda, runs, []).diagnosis
+    diagnosis = close_loop(panda, runs, []).diagnosis.to_json()
     assert named(diagnosis) == [("payload", ())]
     assert any("the runs disagree" in note for note in diagnosis["notes"])
     assert [d["parameter"] for d in diagnosis["effects"][0]["inconsistent_between_runs"]] == ["com_y"]
@@ -229,7 +229,7 @@ def test_runs_that_disagree_by_little_are_told_with_the_parameter(panda):
 def test_one_run_alone_and_a_joint_that_stands(panda):
     effects = [Effect("viscous_friction", ("panda_joint3",), {"viscous_coefficient": 3.0})]
     run = exercise(panda, effects, still=(4,), duration=12.0)
-    diagnosis = close_loop(panda, [run], []).diagnosis
+    diagnosis = close_loop(panda, [run], []).diagnosis.to_json()
     assert named(diagnosis) == [("viscous_friction", ("panda_joint3",))]
     assert any("one training run only" in note for note in diagnosis["notes"])
     assert any("no test run is given" in note for note in diagnosis["notes"])
@@ -239,7 +239,7 @@ def test_one_run_alone_and_a_joint_that_stands(panda):
 def test_runs_of_one_second(panda):
     effects = [Effect("viscous_friction", ("panda_joint2",), {"viscous_coefficient": 8.0})]
     train, test = exercises(panda, effects, train=4, test=1, duration=1.0)
-    diagnosis = close_loop(panda, train, test).diagnosis
+    diagnosis = close_loop(panda, train, test).diagnosis.to_json()
     assert ("viscous_friction", ("panda_joint2",)) in named(diagnosis)
 
 
@@ -252,7 +252,7 @@ def test_what_no_effect_explains_is_described_not_named(panda):
         return run.with_signals(tau=tau)
 
     settings = LoopSettings(effects=("viscous_friction", "coulomb_friction", "armature", "torque_offset"))
-    diagnosis = close_loop(panda, [ripple(r) for r in train], [ripple(r) for r in test], settings).diagnosis
+    diagnosis = close_loop(panda, [ripple(r) for r in train], [ripple(r) for r in test], settings).diagnosis.to_json()
     assert diagnosis["verdict"] in ("unexplained", "partly_explained")
     assert [u["joint"] for u in diagnosis["unexplained"]] == ["panda_joint4"]
     assert "q4" in diagnosis["unexplained"][0]["expression"]

@@ -35,10 +35,10 @@ def thinning() -> list[Effect]:
 def test_a_viscous_friction_that_grows_less_than_speed_is_named_with_its_curve(panda):
     train, test = exercises(panda, thinning(), train=3, test=1, duration=8.0)
     result = close_loop(panda, train, test)
-    found = {e["effect"]: e for e in result.diagnosis["effects"]}
+    found = {e["effect"]: e for e in result.diagnosis.to_json()["effects"]}
     assert sorted(found) == ["coulomb_friction", "nonlinear_viscous_friction", "viscous_friction"]
     assert all(e["joints"] == list(JOINT) for e in found.values())
-    assert result.diagnosis["verdict"] == "explained"
+    assert result.diagnosis.to_json()["verdict"] == "explained"
     # Quadratic and cubic coefficients are alike; the curve they make together is what the data determines.
     fastest = max(np.abs(run.dq[:, 1]).max() for run in result.train)
     dq = np.zeros((50, 7))
@@ -66,7 +66,7 @@ def rests(robot: Robot, effects: list[Effect], seed: int) -> Trajectory:
 def test_standing_rows_tell_a_sign_over_a_travel_from_one_over_a_speed(planted, panda):
     effects = [Effect("coulomb_friction", JOINT, {"coulomb_torque": 4.0}, planted)]
     runs = [rests(panda, effects, seed) for seed in range(3)]
-    diagnosis = close_loop(panda, runs[:2], runs[2:]).diagnosis
+    diagnosis = close_loop(panda, runs[:2], runs[2:]).diagnosis.to_json()
     assert [(e["effect"], tuple(e["joints"])) for e in diagnosis["effects"]] == [("coulomb_friction", JOINT)]
     assert set(diagnosis["effects"][0]["settings"]) == set(planted)
     # Right at rest as well: what is left over all rows is no more than the noise.

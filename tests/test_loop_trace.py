@@ -1,4 +1,4 @@
-"""Selection by itself: what counts as good as, and what may replace what, on held-out errors written by hand."""
+"""Selection by itself: what counts as good as, and what may replace what, on held-out residuals written by hand."""
 
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -9,30 +9,38 @@ import pytest
 from hybrid_dynamics.effects import Effect, Slot, family
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, to_body, to_dynamic
 from hybrid_dynamics.loop import LoopSettings, Model
-from hybrid_dynamics.loop.augment import _replace, search
-from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.evidence import Evidence, Held
 from hybrid_dynamics.loop.exercise import exercises
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.process import process
+from hybrid_dynamics.loop.search import _replace, search
 from hybrid_dynamics.loop.trace import Judge, rank
 from hybrid_dynamics.robots import Robot, find_description
 
 VISCOUS, CURVED = Slot("viscous_friction", 0), Slot("nonlinear_viscous_friction", 0)
 OTHER = Slot("coulomb_friction", 1)
-BLOCKS = 20
+BLOCKS, SAMPLES = 20, 8
 
 
 @dataclass
 class Told:
-    """Stands for the evidence: squared errors (blocks, 1 joint) of every set of slots, ten samples a block."""
+    """Stands for the evidence: the held-out residual (blocks, samples) [N m] of one joint for every set of slots."""
 
-    errors: dict[frozenset[Slot], np.ndarray]
+    residuals: dict[frozenset[Slot], np.ndarray]
     weights: np.ndarray = field(default_factory=lambda: np.ones(1))
-    samples: np.ndarray = field(default_factory=lambda: np.array([10.0 * BLOCKS]))
+    samples: np.ndarray = field(default_factory=lambda: np.array([float(SAMPLES * BLOCKS)]))
     n: int = 1
 
-    def held_out(self, slots: Any, physical: bool = False) -> np.ndarray:
-        return self.errors[frozenset(slots)][:, None]
+    def __post_init__(self) -> None:
+        columns = np.stack(list(self.residuals.values()), axis=2)
+        self.own_gram = [[np.einsum("bti,btj->bij", columns, columns)]]
+        self.own_sum = [[grams.sum(axis=0) for grams in fold] for fold in self.own_gram]
+        self.fold_blocks, self.block_run = [np.arange(BLOCKS)], np.zeros(BLOCKS, int)
+        self.block_rows = [(0, 0)] * BLOCKS
+
+    def held(self, slots: Any, physical: bool = False) -> Held:
+        place = list(self.residuals).index(frozenset(slots))
+        return Held(cast(Evidence, self), [[np.eye(len(self.residuals))[place]]])
 
     def acts(self, slot: Slot) -> np.ndarray:
         return np.ones(1, bool)
@@ -41,31 +49,63 @@ class Told:
         return False
 
 
-def judge(errors: dict[frozenset[Slot], np.ndarray]) -> Judge:
-    """Noise floor 1 N m: ten samples a block make 10 (N m)^2 of noise."""
-    return Judge(cast(Evidence, Told(errors)), LoopSettings(), np.ones(1), np.ones(1))
+def judge(residuals: dict[frozenset[Slot], np.ndarray]) -> Judge:
+    """Noise floor 1 N m."""
+    return Judge(cast(Evidence, Told(residuals)), LoopSettings(), np.ones(1), np.ones(1), np.zeros(1))
 
 
-def wavering(mean: float, by: float) -> np.ndarray:
-    return mean + by * np.where(np.arange(BLOCKS) % 2, 1.0, -1.0)
+#: Noise of one floor, and two changes of a prediction, of mean square one, that no sample of it resembles.
+NOISE = np.tile([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0], (BLOCKS, 1))
+LARGE = np.tile([1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, -1.0], (BLOCKS, 1))
+SMALL = np.tile([1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0], (BLOCKS, 1))
 
 
-@pytest.mark.parametrize(("worse_by", "first"), [(0.5, VISCOUS), (4.0, CURVED)])
+@pytest.mark.parametrize(("worse_by", "first"), [(0.05, VISCOUS), (0.4, CURVED)])
 def test_of_two_that_may_be_named_the_simpler_wins_unless_the_loss_matters(worse_by, first):
-    nothing, curved = wavering(60, 1), wavering(11, 1)
-    # Worse in every block by the same: certain. 0.5 of 10 is below keep_share (0.1) of a squared floor, 4 is above.
-    told = {frozenset(): nothing, frozenset([CURVED]): curved, frozenset([VISCOUS]): curved + worse_by}
-    table = rank(judge(told), [], [VISCOUS, CURVED], nothing[:, None])
+    # Worse in every block by the same: certain. 0.05 is below keep_share (0.1) of a squared floor, 0.4 is above.
+    told = {
+        frozenset(): NOISE + 3 * LARGE,
+        frozenset([CURVED]): NOISE,
+        frozenset([VISCOUS]): NOISE + np.sqrt(worse_by) * SMALL,
+    }
+    judged = judge(told)
+    table = rank(judged, [], [VISCOUS, CURVED], judged.evidence.held([]))
     assert table[0].slot == first
     assert all(c.accepted for c in table)
 
 
-@pytest.mark.parametrize(("wavers", "enters"), [(30.0, False), (0.1, True)])
-def test_being_simpler_lets_nothing_in_that_explains_nothing_surely(wavers, enters):
-    nothing, curved = wavering(20, 0), wavering(15, 0)
-    told = {frozenset(): nothing, frozenset([CURVED]): curved, frozenset([OTHER]): wavering(15, wavers)}
-    replaced = _replace(judge(told), [CURVED], [CURVED, OTHER], curved[:, None], {frozenset([CURVED])})
+@pytest.mark.parametrize(("by_chance", "enters"), [(True, False), (False, True)])
+def test_being_simpler_lets_nothing_in_that_explains_nothing_surely(by_chance, enters):
+    # The same gain, 0.5 a sample: once from what the noise did block by block, once from the motion.
+    turn = np.where(np.arange(BLOCKS) % 2, 1.0, -1.0)[:, None]
+    change = np.sqrt(0.5) * (turn * NOISE if by_chance else LARGE)
+    told = {frozenset(): NOISE + change, frozenset([CURVED]): SMALL, frozenset([OTHER]): NOISE}
+    judged = judge(told)
+    held = judged.evidence.held([CURVED])
+    replaced = _replace(judged, [CURVED], [CURVED, OTHER], held, {frozenset([CURVED])})
     assert (replaced == [OTHER]) is enters
+
+
+def test_the_uncertainty_of_a_gain_is_that_of_its_noise_not_of_its_size():
+    # A gain that differs from block to block only because the motion does is certain; its size does not enter.
+    swing = np.linspace(0.0, 3.0, BLOCKS)[:, None] * LARGE
+    told = {frozenset(): NOISE + swing, frozenset([OTHER]): NOISE}
+    judged = judge(told)
+    gain = judged.gain(judged.evidence.held([OTHER]), judged.evidence.held([]))
+    assert gain.total == pytest.approx(np.sum(swing**2))
+    assert gain.error == pytest.approx(0.0, abs=1e-9)
+    # White noise: the error is 2 sqrt(sum d^2) noise floors (d given).
+    rng = np.random.default_rng(0)
+    errors, gains = [], []
+    for _ in range(200):
+        noise = rng.normal(size=NOISE.shape)
+        one = judge({frozenset(): noise + swing, frozenset([OTHER]): noise})
+        told_gain = one.gain(one.evidence.held([OTHER]), one.evidence.held([]))
+        errors.append(told_gain.error)
+        gains.append(told_gain.total)
+    assert np.std(gains) == pytest.approx(2 * np.sqrt(np.sum(swing**2)), rel=0.15)
+    # The larger of three estimates of the error is a little too careful, never too bold.
+    assert 1.0 <= np.median(errors) / np.std(gains) < 1.4
 
 
 FAMILIES = ("armature", "link_inertia", "torque_offset")
@@ -80,9 +120,10 @@ def start_from_body(robot: Robot, effects: list[Effect]) -> list[Slot]:
     slots = [s for name in FAMILIES for s in family(name).slots(robot, moving, LoopSettings().options)]
     evidence = Evidence(Model(robot), runs, slots, LoopSettings())
     floor = noise_floor(evidence)
-    evidence.weights = 1 / floor**2
+    evidence.weigh(1 / floor**2)
     torque = np.concatenate([run.tau for run in runs]).var(axis=0)
-    steps = search(Judge(evidence, LoopSettings(), floor, torque), slots, lambda step: None, [Slot("link_inertia", 1)])
+    judged = Judge(evidence, LoopSettings(), floor, torque, np.zeros(robot.n_joints))
+    steps = search(judged, slots, lambda step: None, [Slot("link_inertia", 1)])
     return sorted(steps[-1].slots)
 
 

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         tell("writing the report", 1.0)
         with result_folder(args.out, RESULT_FILES, force=args.force, ours=is_result) as folder:
             write_result(folder, result, provenance)
-    _tell(console, result.diagnosis, args.out)
+    _tell(console, result.diagnosis.to_json(), args.out)
     return 0
 
 

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 class Armature(Family):
     name = "armature"
     scope = "joint"
+    everywhere = True
     equation = r"\tau = I_a\,\ddot q,\quad I_a \ge 0"
     parameters = (Parameter("armature", "kg m^2"),)
     changes_body = True

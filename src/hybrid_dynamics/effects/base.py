@@ -155,6 +155,8 @@ class Family(ABC):
     several: ClassVar[bool] = False
     #: Families that this one holds as a special case: they go from its joint when it comes.
     contains: ClassVar[tuple[str, ...]] = ()
+    #: True where every joint of a real arm may well have it: a search that starts from everything starts with these.
+    everywhere: ClassVar[bool] = False
     #: Coordinates are ten inertial parameters a body: many free numbers that can imitate simpler effects.
     is_body: ClassVar[bool] = False
     #: True where the torque is not exactly linear in the coordinates.

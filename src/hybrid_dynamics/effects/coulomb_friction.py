@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 class CoulombFriction(Family):
     name = "coulomb_friction"
     scope = "joint"
+    everywhere = True
     equation = r"\tau = F_c\,\operatorname{sign}(\dot q),\quad F_c \ge 0"
     parameters = (Parameter("coulomb_torque", "N m"),)
     turns_sign = True

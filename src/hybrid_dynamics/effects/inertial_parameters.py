@@ -52,7 +52,7 @@ class InertialParameters(Family):
     is_body = True
     contains = ("link_inertia", "link_mass", "link_com")
     changes_body = True
-    searched = False
+    searched = True
     drawn_against = "time"
     shown_by = "all joints move together through many postures and accelerate hard in them"
     equivalent_to = (

@@ -13,6 +13,7 @@ from hybrid_dynamics.effects.state import Equivalence, Parameter, State
 class TorqueOffset(Family):
     name = "torque_offset"
     scope = "joint"
+    everywhere = True
     equation = r"\tau = b"
     parameters = (Parameter("offset", "N m"),)
     drawn_against = "time"

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 class ViscousFriction(Family):
     name = "viscous_friction"
     scope = "joint"
+    everywhere = True
     equation = r"\tau = F_v\,\dot q,\quad F_v \ge 0"
     parameters = (Parameter("viscous_coefficient", "N m s/rad"),)
     viscous_powers = (1,)

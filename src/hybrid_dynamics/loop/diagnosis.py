@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 import jsonschema
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.model import Model, load_schema
+from hybrid_dynamics.loop.model import Model, effect_from_json, effect_to_json, load_schema
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.metrics import torque_errors
 
@@ -33,6 +38,167 @@ def rounded(value: Any, digits: int = DIGITS) -> Any:
             return None
         return float(f"{float(value):.{digits - 1}e}")
     return value
+
+
+@dataclass(frozen=True)
+class Errors:
+    """The three error measures: ``rmse`` (n,) [N m], ``relative_rmse`` (n,) (None: the joint's torque is constant),
+    ``relative_error`` pooled over the joints."""
+
+    rmse: tuple[float, ...]
+    relative_rmse: tuple[float | None, ...]
+    relative_error: float | None
+
+
+@dataclass(frozen=True)
+class Change:
+    """Errors of the starting model, of the model as found, and without what the test runs contradict."""
+
+    before: Errors
+    after: Errors
+    after_confirmed: Errors | None = None
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """One effect that was found: its parameters, what else would explain as much, and what the test runs say of it.
+
+    ``test_change``: relative change of the held-out mean square error that it brings (negative: better) and its
+    standard error; ``test_rmse_before`` and ``_after`` (n,) [N m] of the model without it, in the order of finding.
+    """
+
+    effect: Effect
+    indistinguishable_from: tuple[Mapping[str, Any], ...]
+    test_rmse_before: tuple[float, ...]
+    test_rmse_after: tuple[float, ...]
+    confirmed: bool = True
+    test_change: tuple[float, float] | None = None
+    why_not: str | None = None
+    undetermined_parameters: tuple[str, ...] = ()
+    inconsistent_between_runs: tuple[Mapping[str, Any], ...] = ()
+
+    @classmethod
+    def from_json(cls, entry: Mapping[str, Any]) -> NamedEffect:
+        change = entry.get("test_change")
+        return cls(
+            effect_from_json(entry),
+            tuple(entry["indistinguishable_from"]),
+            tuple(entry["test_rmse_before"]),
+            tuple(entry["test_rmse_after"]),
+            entry.get("confirmed", True),
+            None if change is None else (change["value"], change["std_error"]),
+            entry.get("why_not"),
+            tuple(entry.get("undetermined_parameters", ())),
+            tuple(entry.get("inconsistent_between_runs", ())),
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        out = effect_to_json(self.effect)
+        out |= {
+            "indistinguishable_from": list(self.indistinguishable_from),
+            "confirmed": self.confirmed,
+            "test_rmse_before": list(self.test_rmse_before),
+            "test_rmse_after": list(self.test_rmse_after),
+        }
+        if self.test_change is not None:
+            out["test_change"] = dict(zip(("value", "std_error"), self.test_change, strict=True))
+        if self.why_not is not None:
+            out["why_not"] = self.why_not
+        for name in ("undetermined_parameters", "inconsistent_between_runs"):
+            if getattr(self, name):
+                out[name] = list(getattr(self, name))
+        return out
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What ``diagnosis.json`` holds (schema 2; schema 1 is read). Per joint (n,) in the robot's order.
+
+    ``noise_floor`` [N m] lies between ``_low`` and ``_high``; ``learnable_share`` of what is left a black box trained
+    on other runs still removes; ``motion_dependent``: the alarm; ``cannot_tell``: neither alarm nor all-clear.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    verdict: str
+    effects: tuple[NamedEffect, ...]
+    error: Mapping[str, Change]
+    noise_floor: tuple[float, ...]
+    unexplained: tuple[Mapping[str, Any], ...]
+    error_moving: Mapping[str, Change] = field(default_factory=dict)
+    noise_floor_low: tuple[float, ...] = ()
+    noise_floor_high: tuple[float, ...] = ()
+    learnable_share: tuple[float, ...] = ()
+    motion_dependent: tuple[bool, ...] = ()
+    cannot_tell: tuple[bool, ...] = ()
+    autocorrelation: tuple[float, ...] = ()
+    extrapolation: tuple[Mapping[str, Any], ...] = ()
+    not_identifiable: tuple[Mapping[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def confirmed(self) -> tuple[NamedEffect, ...]:
+        """The effects that the test runs do not contradict."""
+        return tuple(e for e in self.effects if e.confirmed)
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> Diagnosis:
+        """Check ``value`` against the schema; raises ``jsonschema.ValidationError``."""
+        validate_diagnosis(value)
+        parts: dict[str, Any] = {
+            name: tuple(value.get(name, ()))
+            for name in (*_SIZES, *_FLAGS, "joints", "unexplained", "extrapolation", "not_identifiable", "notes")
+        }
+        for name in ("error", "error_moving"):
+            parts[name] = {split: _change_from(pair) for split, pair in value.get(name, {}).items()}
+        effects = tuple(NamedEffect.from_json(e) for e in value["effects"])
+        return cls(
+            robot=value["robot"],
+            verdict=value["verdict"],
+            effects=effects,
+            provenance=value.get("provenance", {}),
+            **parts,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON values, rounded to :data:`DIGITS` digits and checked against the schema."""
+        out: dict[str, Any] = {"schema": 2}
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if f.name == "effects":
+                out[f.name] = [e.to_json() for e in value]
+            elif f.name in ("error", "error_moving"):
+                out[f.name] = {split: _change_to(change) for split, change in value.items()}
+            elif value or f.name in ("unexplained", "notes", "noise_floor"):
+                out[f.name] = list(value) if isinstance(value, tuple) else value
+        if not out["error_moving"]:
+            del out["error_moving"]
+        out = rounded(out)
+        validate_diagnosis(out)
+        return out
+
+
+_SIZES = ("noise_floor", "noise_floor_low", "noise_floor_high", "learnable_share", "autocorrelation")
+_FLAGS = ("motion_dependent", "cannot_tell")
+
+
+def _change_from(pair: Mapping[str, Any]) -> Change:
+    return Change(
+        **{k: Errors(tuple(e["rmse"]), tuple(e["relative_rmse"]), e["relative_error"]) for k, e in pair.items()}
+    )
+
+
+def _change_to(change: Change) -> dict[str, Any]:
+    return {
+        f.name: {
+            "rmse": list(e.rmse),
+            "relative_rmse": list(e.relative_rmse),
+            "relative_error": e.relative_error,
+        }
+        for f in fields(change)
+        if (e := getattr(change, f.name)) is not None
+    }
 
 
 def predict_run(model: Model, run: Run) -> Array:
@@ -81,12 +247,22 @@ def verdict_of(named: bool, explained: NDArray[np.bool_]) -> str:
     return "partly_explained" if named else "unexplained"
 
 
-def validate_diagnosis(value: dict[str, Any]) -> None:
+def validate_diagnosis(value: Mapping[str, Any]) -> None:
     """Raise ``jsonschema.ValidationError`` where ``value`` breaks the contract."""
     jsonschema.validate(value, load_schema("diagnosis"))
 
 
-def write_diagnosis(path: str | os.PathLike[str], value: dict[str, Any]) -> None:
+def write_diagnosis(path: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
     """Check against the schema, then write, atomically."""
-    validate_diagnosis(value)
-    write_json(path, value)
+    write_json(path, diagnosis.to_json())
+
+
+def read_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
+    """Read ``diagnosis.json`` of schema 1 or 2; :class:`InputError` says what does not fit."""
+    try:
+        return Diagnosis.from_json(json.loads(Path(path).read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); give the diagnosis.json that close-loop wrote") from None
+    except jsonschema.ValidationError as error:
+        where = "/".join(str(p) for p in error.absolute_path) or "top level"
+        raise InputError(f"{path}: {where}: {error.message}; give the diagnosis.json that close-loop wrote") from None

@@ -7,8 +7,10 @@ these, so a candidate costs about a millisecond, whatever the length of the logs
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -30,6 +32,12 @@ Indices = NDArray[np.int_]
 ONLY_RUN = "only_run"
 
 
+#: A block lasts at least this many windows of the filter.
+BLOCK_WINDOWS = 4.0
+#: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
+FEWEST_BLOCKS, MOST_BLOCKS = 12, 200
+
+
 @dataclass(frozen=True)
 class Layout:
     """Where the coordinates of a combination of slots stand: ``positions[slot]`` in x, size ``total``."""
@@ -37,6 +45,56 @@ class Layout:
     slots: tuple[Slot, ...]
     starts: tuple[int, ...]
     total: int
+
+
+class Held:
+    """Held-out prediction of one combination of slots: every fold predicted by a fit on the others.
+
+    ``folds[f][j]`` is the vector v that turns the columns of joint j into the residual of fold f: residual = rows @ v.
+    Scores and block-wise products of residuals follow from the Gram matrices; nothing is predicted sample by sample.
+    """
+
+    def __init__(self, evidence: Evidence, folds: Sequence[Sequence[Array]]) -> None:
+        self._evidence, self.folds = evidence, folds
+
+    @cached_property
+    def joint_errors(self) -> Array:
+        """(n,) squared held-out residual sums [N m]^2."""
+        out = np.zeros(self._evidence.n)
+        for vectors, grams in zip(self.folds, self._evidence.own_sum, strict=True):
+            for j, (v, gram) in enumerate(zip(vectors, grams, strict=True)):
+                out[j] += max(float(v @ gram @ v), 0.0)
+        return out
+
+    @cached_property
+    def score(self) -> float:
+        """Weighted sum of :attr:`joint_errors`."""
+        return float(self.joint_errors @ self._evidence.weights)
+
+    @cached_property
+    def products(self) -> list[list[Array]]:
+        """Per fold and joint, the columns' products with the residual, one row a block (blocks, columns)."""
+        return [
+            [gram @ v for v, gram in zip(vectors, grams, strict=True)]
+            for vectors, grams in zip(self.folds, self._evidence.own_gram, strict=True)
+        ]
+
+    @cached_property
+    def errors(self) -> Array:
+        """Squared held-out residual sums (blocks, n) [N m]^2."""
+        return self.cross(self)
+
+    def cross(self, other: Held) -> Array:
+        """Block-wise sums (blocks, n) [N m]^2 of this residual times that of ``other``."""
+        out = np.empty((len(self._evidence.block_rows), self._evidence.n))
+        for f, own in enumerate(self._evidence.fold_blocks):
+            for j, product in enumerate(self.products[f]):
+                out[own, j] = product @ other.folds[f][j]
+        return np.maximum(out, 0.0) if other is self else out
+
+
+def _order(slot: Slot) -> tuple[str, int, str]:
+    return slot.effect, -1 if slot.joint is None else slot.joint, repr(slot.settings)
 
 
 class Evidence:
@@ -50,7 +108,10 @@ class Evidence:
         self.n = self.robot.n_joints
         self.slots: list[Slot] = []
         self.weights = np.ones(self.n)
-        self._columns: dict[Slot, list[slice | None]] = {}
+        self._columns: dict[Slot, list[Indices | None]] = {}
+        #: Columns already there, per joint: what two slots share (a link's inertia) is kept once.
+        self._known: list[dict[bytes, int]] = [{} for _ in range(self.n)]
+        self._cache: dict[tuple[frozenset[Slot], bool], Held] = {}
         self._rows: list[list[Array]] = [[np.empty((len(r.time), 0)) for _ in range(self.n)] for r in self.runs]
         self.base_target = [run.tau - run.smooth(self.predict_fine(base, run)) for run in self.runs]
         #: True where effects of the starting model follow the load, and so every change of the rigid body.
@@ -64,6 +125,7 @@ class Evidence:
         #: Fastest speed of every joint in the runs (n,) [rad/s].
         self.fastest = np.max([np.abs(run.dq).max(axis=0) for run in self.runs], axis=0)
         self.target = [t.copy() for t in self.base_target]
+        self._moved = False
         self._make_blocks()
         self.add_slots(slots)
 
@@ -78,8 +140,12 @@ class Evidence:
         owner, fold, bounds = [], [], []
         single = len(self.runs) == 1
         folds = self.settings.time_folds if single else len(self.runs)
-        for r, run in enumerate(self.runs):
-            per_run = max(round((run.time[-1] - run.time[0]) / self.settings.block), folds if single else 1)
+        lengths = [float(run.time[-1] - run.time[0]) for run in self.runs]
+        # Blocks are long against the filter's window; where a log is short, as short as that allows.
+        wanted = max(self.settings.block, sum(lengths) / MOST_BLOCKS)
+        for r, (run, length) in enumerate(zip(self.runs, lengths, strict=True)):
+            fewest = min(int(np.ceil(FEWEST_BLOCKS / len(self.runs))), int(length * run.cutoff / BLOCK_WINDOWS))
+            per_run = max(round(length / wanted), fewest, folds if single else 1)
             edges = np.linspace(0, len(run.time), per_run + 1).round().astype(int)
             for k, (low, high) in enumerate(pairwise(edges)):
                 owner.append(r)
@@ -111,20 +177,36 @@ class Evidence:
             only = dict(slot.settings).get(ONLY_RUN)
             if only is not None:
                 parts = [p if run.name == only else np.zeros_like(p) for p, run in zip(parts, self.runs, strict=True)]
-            where: list[slice | None] = []
+            where: list[Indices | None] = []
             for j in range(self.n):
                 own = [p if p.ndim == 2 else p[:, j] for p in parts]
                 acts = parts[0].ndim == 3 or slot.joint == j
-                if not acts or max(float(np.abs(o).max()) for o in own) < 1e-9:
+                if not acts or max(float(np.abs(o).max(initial=0.0)) for o in own) < 1e-9:
                     where.append(None)
                     continue
-                first = self._rows[0][j].shape[1]
-                for r, o in enumerate(own):
-                    self._rows[r][j] = np.hstack([self._rows[r][j], o])
-                where.append(slice(first, first + own[0].shape[1]))
+                where.append(self._place(j, own, shared=not slot.family().uses_load))
             self._columns[slot] = where
             self.slots.append(slot)
         self._reduce()
+
+    def _place(self, j: int, parts: list[Array], shared: bool) -> Indices:
+        """Indices of the columns ``parts`` (one array a run) among those of joint ``j``, appended where new."""
+        index: list[int] = []
+        new: list[int] = []
+        size = self._rows[0][j].shape[1]
+        for k in range(parts[0].shape[1]):
+            digest = hashlib.sha256(b"".join(p[:, k].tobytes() for p in parts)).digest()
+            if shared and digest in self._known[j]:
+                index.append(self._known[j][digest])
+                continue
+            index.append(size + len(new))
+            if shared:
+                self._known[j][digest] = index[-1]
+            new.append(k)
+        if new:
+            for r, p in enumerate(parts):
+                self._rows[r][j] = np.hstack([self._rows[r][j], p[:, new]])
+        return np.array(index, int)
 
     def _smoothed(self, slot: Slot, motions: Sequence[Motion]) -> list[Array]:
         out = []
@@ -203,15 +285,35 @@ class Evidence:
         self._sum()
 
     def _sum(self) -> None:
-        self.fold_gram = [[g[self.block_fold != f].sum(axis=0) for g in self.gram] for f in range(self.folds)]
-        self._fold_blocks = [np.flatnonzero(self.block_fold == f) for f in range(self.folds)]
-        self._own_gram = [[g[own] for g in self.gram] for own in self._fold_blocks]
+        """Sums over the blocks of each fold, and over those that a fold is predicted from.
+
+        Where a fold ends inside a run, the block next to it is left out of its fit: neighbours are not independent.
+        """
+        self._cache = {}
+        self.fold_blocks = [np.flatnonzero(self.block_fold == f) for f in range(self.folds)]
+        self.own_gram = [[g[own] for g in self.gram] for own in self.fold_blocks]
+        self.own_sum = [[g.sum(axis=0) for g in own] for own in self.own_gram]
+        self.fold_gram = []
+        for f in range(self.folds):
+            mine = self.block_fold == f
+            edge = np.zeros(len(mine), bool)
+            same = self.block_run[1:] == self.block_run[:-1]
+            edge[1:] |= same & mine[:-1]
+            edge[:-1] |= same & mine[1:]
+            kept = ~mine & ~edge
+            self.fold_gram.append([g[kept if kept.any() else ~mine].sum(axis=0) for g in self.gram])
         self.full_gram = [g.sum(axis=0) for g in self.gram]
         self.samples = self.count.sum(axis=0)
+
+    def weigh(self, weights: Array) -> None:
+        """Weights (n,) [1/(N m)^2] of the joints in every fit and score."""
+        self.weights = weights
+        self._cache = {}
 
     def relinearise(self, effects: Sequence[Effect], slots: Sequence[Slot], x: Array) -> None:
         """Make the linear problem exact at ``x``: target = tau - exact(x) + columns x (Gauss-Newton, fixed columns)."""
         linear = self.linear(slots, x)
+        self._moved = True
         for r, run in enumerate(self.runs):
             model = self._model_in(effects, run)
             self.target[r] = run.tau - run.smooth(self.predict_fine(model, run)) + linear[r]
@@ -219,6 +321,9 @@ class Evidence:
 
     def reset(self) -> None:
         """The target of the beginning again: for models that are linear."""
+        if not self._moved:
+            return
+        self._moved = False
         self.target = [t.copy() for t in self.base_target]
         self._retarget()
 
@@ -227,7 +332,7 @@ class Evidence:
         layout = self.layout(slots)
         out = [np.zeros((len(run.time), self.n)) for run in self.runs]
         for slot, start in zip(layout.slots, layout.starts, strict=True):
-            own = x[start : start + slot.family().size]
+            own = x[start : start + slot.size]
             for j, where in enumerate(self._columns[slot]):
                 if where is not None:
                     for r in range(len(self.runs)):
@@ -248,7 +353,7 @@ class Evidence:
 
     # -- solving ----------------------------------------------------------------------------------------------------
     def layout(self, slots: Sequence[Slot]) -> Layout:
-        sizes = [s.family().size for s in slots]
+        sizes = [s.size for s in slots]
         starts = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
         return Layout(tuple(slots), tuple(int(v) for v in starts[:-1]), int(starts[-1]))
 
@@ -261,8 +366,8 @@ class Evidence:
             for slot, start in zip(layout.slots, layout.starts, strict=True):
                 where = self._columns[slot][j]
                 if where is not None:
-                    position.extend(range(start, start + where.stop - where.start))
-                    column.extend(range(where.start, where.stop))
+                    position.extend(range(start, start + len(where)))
+                    column.extend(where)
             out.append((np.array(position, int), np.array(column, int)))
         return out
 
@@ -288,7 +393,7 @@ class Evidence:
             if len(position):
                 a[position[:, None], position] += self.weights[j] * grams[j][column[:, None], column]
                 b[position] += self.weights[j] * grams[j][column, -1]
-        scale = np.concatenate([s.family().prior_scale() for s in layout.slots] or [np.zeros(0)])
+        scale = np.concatenate([s.family().prior_scale(self.robot, s) for s in layout.slots] or [np.zeros(0)])
         a[np.diag_indices_from(a)] += 1.0 / scale**2
         return a, b
 
@@ -312,28 +417,44 @@ class Evidence:
             gram = grams[j]
             if len(position):
                 v = np.zeros(gram.shape[1])
-                v[column] = -x[position]
+                np.subtract.at(v, column, x[position])
                 v[-1] = 1.0
                 out[:, j] = (gram @ v) @ v
             else:
                 out[:, j] = gram[:, -1, -1]
         return np.maximum(out, 0.0)
 
+    def held(self, slots: Sequence[Slot], physical: bool = False) -> Held:
+        """Held-out prediction by ``slots``: fits under bounds alone, or with bodies and friction held ``physical``."""
+        key = frozenset(slots), physical
+        if key not in self._cache:
+            layout = self.layout(sorted(key[0], key=_order))
+            indices, constraints = self.indices(layout), self.constraints(layout)
+            folds = []
+            for f in range(self.folds):
+                a, b = self.normal(layout, self.fold_gram[f], indices)
+                if layout.total == 0:
+                    x = np.zeros(0)
+                elif physical:
+                    x = solve(a, b, constraints)
+                else:
+                    x = solve_bounded(a, b, constraints.lower)
+                folds.append(self._residual_vectors(indices, x))
+            self._cache[key] = Held(self, folds)
+        return self._cache[key]
+
+    def _residual_vectors(self, indices: list[tuple[Indices, Indices]], x: Array) -> list[Array]:
+        out = []
+        for j, (position, column) in enumerate(indices):
+            v = np.zeros(self.gram[j].shape[1])
+            np.subtract.at(v, column, x[position])
+            v[-1] = 1.0
+            out.append(v)
+        return out
+
     def held_out(self, slots: Sequence[Slot], physical: bool = False) -> Array:
         """Squared held-out residual sums (blocks, n): every fold predicted by a fit on the others."""
-        out = np.empty((len(self.block_rows), self.n))
-        layout = self.layout(slots)
-        indices, constraints = self.indices(layout), self.constraints(layout)
-        for f in range(self.folds):
-            a, b = self.normal(layout, self.fold_gram[f], indices)
-            if layout.total == 0:
-                x = np.zeros(0)
-            elif physical:
-                x = solve(a, b, constraints)
-            else:
-                x = solve_bounded(a, b, constraints.lower)
-            out[self._fold_blocks[f]] = self._errors(indices, x, self._own_gram[f])
-        return out
+        return self.held(slots, physical).errors
 
     def constrained(self, slots: Sequence[Slot]) -> bool:
         """True where the fit of ``slots`` under bounds alone asks for a body or a friction that cannot exist."""
@@ -348,7 +469,7 @@ class Evidence:
         total = 0.0
         for f in range(self.folds):
             torque = self.linear(slots, self.fit(slots, self.fold_gram[f]))
-            for b in self._fold_blocks[f]:
+            for b in self.fold_blocks[f]:
                 r, (low, high) = self.block_run[b], self.block_rows[b]
                 total += float(np.sum((self.target[r][low:high, joint] - torque[r][low:high, joint]) ** 2))
         return total

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Slot
 from hybrid_dynamics.loop.augment import effects_of
-from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Place, overlap, pairs
-from hybrid_dynamics.loop.trace import Judge, same_place
+from hybrid_dynamics.loop.trace import FEWEST_ROWS, Judge, covers, same_place
 
 Array = NDArray[np.float64]
 #: A rival must be able to make at least this share of the effect's torque by itself.
@@ -27,13 +27,13 @@ def indistinguishable(
     """What would explain as much in the place of each slot (one candidate, or two together), why, and the remedy."""
     evidence = judge.evidence
     names = evidence.robot.joint_names
-    full = evidence.held_out(slots, evidence.constrained(slots))
+    full = evidence.held(slots, evidence.constrained(slots))
     x = evidence.fit(slots)
     layout = evidence.layout(slots)
-    free = [c for c in candidates if not any(same_place(c, s) for s in slots)]
+    free = [c for c in candidates if not any(same_place(c, s) or covers(s, c) for s in slots)]
     out: dict[Slot, list[dict[str, Any]]] = {}
     for slot, start in zip(layout.slots, layout.starts, strict=True):
-        own = x[start : start + slot.family().size]
+        own = x[start : start + slot.size]
         found: dict[frozenset[Place], tuple[float, dict[str, Any]]] = {}
         rest = [s for s in slots if s != slot]
         pressed = evidence.constrained(rest)
@@ -46,11 +46,11 @@ def indistinguishable(
             share = overlap(evidence, slot, own, *group)
             if share < (LIKENESS if len(group) == 1 else LIKENESS_OF_PAIR):
                 continue
-            errors = evidence.held_out([*rest, *group], pressed)
-            difference = judge.score(errors) - judge.score(full)
-            loss, error = float(difference.sum()), judge.standard_error(difference)
-            growth = judge.mean_square(errors) / np.maximum(judge.mean_square(full), 1e-300) - 1
-            growth = growth[evidence.samples >= 20]
+            held = evidence.held([*rest, *group], pressed)
+            gain = judge.gain(held, full)
+            loss, error = -gain.total, gain.error
+            growth = judge.mean_square(held) / np.maximum(judge.mean_square(full), 1e-300) - 1
+            growth = growth[evidence.samples >= FEWEST_ROWS]
             close = bool(np.all(growth < judge.settings.alike_share))
             # A whole body in place of one coefficient is no rival unless it predicts held-out runs as well.
             if not close and not (loss <= error and bool(np.all(growth < 5 * judge.settings.alike_share))):
@@ -126,6 +126,7 @@ def inconsistent(
     layout = evidence.layout(slots)
     for slot, start in zip(layout.slots, layout.starts, strict=True):
         kind = slot.family()
+        keys = kind.published({k: v for k, v in slot.options.items() if k != ONLY_RUN})
         fits = []
         for r in range(runs):
             mine = evidence.block_run == r
@@ -136,24 +137,24 @@ def inconsistent(
         values, errors = [], []
         for own, covariance, _ in fits:
             effect = effects_of(evidence, [slot], own, covariance)[0]
-            values.append([effect.parameters[p.name] for p in kind.parameters])
-            errors.append([max(effect.std_errors[p.name], 1e-12) for p in kind.parameters])
+            values.append([effect.parameters[key] for key in keys])
+            errors.append([max(effect.std_errors[key], 1e-12) for key in keys])
         v, e = np.array(values), np.array(errors)
         mean = (v / e**2).sum(axis=0) / (1 / e**2).sum(axis=0)
         chi = (((v - mean) / e) ** 2).sum(axis=0)
-        units = np.array([p.unit for p in kind.parameters])
+        units = np.array([kind.unit(key, slot.options) for key in keys])
         size = np.array([np.abs(v[:, units == unit]).max() for unit in units])
         spread = np.ptp(v, axis=0)
         entries = [
             {
-                "parameter": p.name,
-                "unit": p.unit,
+                "parameter": key,
+                "unit": str(units[k]),
                 "runs": [
                     {"run": run.name, "value": float(v[r, k]), "std_error": float(e[r, k])}
                     for r, run in enumerate(evidence.runs)
                 ],
             }
-            for k, p in enumerate(kind.parameters)
+            for k, key in enumerate(keys)
             if chi[k] > 9.0 * (runs - 1) and spread[k] > DIFFERENCE * size[k]
         ]
         if entries:
@@ -166,9 +167,10 @@ def fit_alone(
 ) -> tuple[Array, Array, Array]:
     """Coordinates of ``slot`` on ``blocks`` with all others held at ``x``; covariance; gain (n,) [N m]^2."""
     layout = evidence.layout(slots)
-    size = slot.family().size
+    size = slot.size
     own = slice(start, start + size)
-    a, b = np.diag(1.0 / slot.family().prior_scale() ** 2), x[own] / slot.family().prior_scale() ** 2
+    prior = 1.0 / slot.family().prior_scale(evidence.robot, slot) ** 2
+    a, b = np.diag(prior), x[own] * prior
     grams = []
     for j, (position, column) in enumerate(evidence.indices(layout)):
         gram = evidence.gram[j][blocks]

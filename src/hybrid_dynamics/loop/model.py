@@ -40,6 +40,10 @@ class Model:
 
     robot: Robot
     effects: tuple[Effect, ...] = ()
+    #: Effects that were found and that test runs contradict: kept on record, without a torque.
+    inactive: tuple[Effect, ...] = ()
+    #: (n,) [N m] by which the model was off on held-out runs, where that is known.
+    misfit: tuple[float, ...] | None = None
 
     @cached_property
     def _planted(self) -> tuple[Robot, StateTorque]:
@@ -107,6 +111,14 @@ class Model:
         """A model with ``effects`` appended."""
         return Model(self.robot, (*self.effects, *effects))
 
+    def with_inactive(self, effects: Iterable[Effect]) -> Model:
+        """The same model that also lists ``effects`` without letting them act."""
+        return Model(self.robot, self.effects, tuple(effects), self.misfit)
+
+    def with_misfit(self, misfit: Iterable[float]) -> Model:
+        """The same model with its error on held-out runs, (n,) [N m]."""
+        return Model(self.robot, self.effects, self.inactive, tuple(float(v) for v in misfit))
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """See :func:`save_model`."""
         save_model(path, self)
@@ -167,13 +179,18 @@ def save_model(path: str | os.PathLike[str], model: Model, record: Mapping[str, 
     ``record`` holds the optional blocks ``provenance`` and ``uncertainty``.
     """
     value = {
-        "schema": 1,
+        "schema": 2,
         "robot": model.robot.name,
         "joints": list(model.robot.joint_names),
-        "effects": [effect_to_json(e) for e in model.effects],
+        "effects": [
+            *({**effect_to_json(e), "active": True} for e in model.effects),
+            *({**effect_to_json(e), "active": False} for e in model.inactive),
+        ],
         **identity_of(model.robot),
         **(record or {}),
     }
+    if model.misfit is not None:
+        value["misfit"] = list(model.misfit)
     jsonschema.validate(value, load_schema("model"))
     write_text(path, json_text(value))
 
@@ -206,7 +223,14 @@ def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
         )
     check_identity(value, robot, path)
     try:
-        model = Model(robot, tuple(effect_from_json(e) for e in value["effects"]))
+        active, inactive = (
+            tuple(effect_from_json(e) for e in value["effects"] if e.get("active", True) is kept)
+            for kept in (True, False)
+        )
+        misfit = value.get("misfit")
+        if misfit is not None and len(misfit) != robot.n_joints:
+            raise InputError(f"misfit holds {len(misfit)} numbers; expected {robot.n_joints}, one a joint")
+        model = Model(robot, active, inactive, None if misfit is None else tuple(misfit))
         _check_physics(model)
         _ = model.completed_robot
     except HybridDynamicsError as error:

@@ -14,15 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Slot
-from hybrid_dynamics.loop.augment import Step, search
 from hybrid_dynamics.loop.evidence import ONLY_RUN
 from hybrid_dynamics.loop.identifiability import fit_alone
-from hybrid_dynamics.loop.trace import Judge, same_place
+from hybrid_dynamics.loop.search import Step, search
+from hybrid_dynamics.loop.trace import FEWEST_ROWS, Judge, same_place
 
 Array = NDArray[np.float64]
 
 #: Of the excess over the floor, the share that parameters per run must remove before runs are said to disagree.
 DECISIVE = 0.5
+#: And how sure that must be, in standard errors.
+SURE = 3.0
 
 
 def parts_of(slot: Slot, names: Sequence[str]) -> list[Slot]:
@@ -49,8 +51,7 @@ def split_by_run(
     evidence.fold_by_time()
     names = [run.name for run in evidence.runs]
     joint_wise = [s for s in current if s.family().scope == "joint"]
-    samples = float(evidence.samples[evidence.samples >= 20].sum())
-    now = judge.score(evidence.held_out(current))
+    samples = float(evidence.samples[evidence.samples >= FEWEST_ROWS].sum())
     best: tuple[float, list[Slot]] | None = None
     for slot in candidates:
         if slot.family().scope != "robot":
@@ -59,17 +60,15 @@ def split_by_run(
         evidence.add_slots(parts)
         others = [s for s in current if not same_place(s, slot)]
         for rest in ([], joint_wise, others):
-            trial = judge.score(evidence.held_out([*parts, *rest]))
-            pooled = judge.score(evidence.held_out([slot, *rest]))
-            for rival in (now, pooled):
-                difference = rival - trial
-                gain = float(difference.sum())
-                excess = max(float(rival.sum()) - samples, 0.0)
-                if gain <= DECISIVE * excess or gain <= 3 * judge.standard_error(difference):
+            trial = evidence.held([*parts, *rest])
+            pooled = evidence.held([slot, *rest])
+            for rival in (evidence.held(current), pooled):
+                gain = judge.gain(trial, rival)
+                if gain.total <= DECISIVE * max(rival.score - samples, 0.0) or not gain.surer_than(SURE):
                     break
             else:
-                if best is None or float(trial.sum()) < best[0]:
-                    best = float(trial.sum()), [*parts, *rest]
+                if best is None or trial.score < best[0]:
+                    best = trial.score, [*parts, *rest]
     return [] if best is None else search(judge, candidates, report, best[1])
 
 
@@ -85,12 +84,12 @@ def pool(judge: Judge, slots: Sequence[Slot]) -> tuple[list[Slot], Array]:
         if whole in merged:
             continue
         merged.append(whole)
-        values.append(x[start : start + slot.family().size])
+        values.append(x[start : start + slot.size])
     evidence.add_slots(merged)
     out = np.concatenate(values)
     everything = np.ones(len(evidence.block_rows), bool)
     for slot in whole_of(slots):
         start = evidence.layout(merged).starts[merged.index(slot)]
         solution, _, _ = fit_alone(evidence, merged, out, slot, start, everything)
-        out[start : start + slot.family().size] = solution
+        out[start : start + slot.size] = solution
     return merged, out

@@ -15,30 +15,30 @@ class LoopSettings:
     """``effects``: families that may be named (all registered ones where empty). ``sign_widths`` [rad/s] and
     ``sign_travels`` [rad] over which the sign of friction may turn over.
 
-    An effect must gain ``gain_in_errors`` standard errors on held-out blocks of ``block`` [s] (a body half as much
-    again), lower the mean square residual of a joint by ``floor_share`` squared noise floors and by ``torque_share`` of
-    the variance of the measured torque. It is dropped again below ``keep_share`` squared floors. A single training run
-    is validated on ``time_folds`` parts of it. A joint counts as explained when its held-out error exceeds the floor by
-    at most ``floor_tolerance`` floors in quadrature. An alternative is named where held-out mean squares grow by less
-    than ``alike_share``. No floor lies below ``resolution`` of the measured torque. Without test runs the last
-    ``held_out_share`` of every run is held out after a gap of ``held_out_gap`` [s]. ``evaluations`` of symbolic
-    regression describe what stays unexplained on a joint.
-
-    >>> from hybrid_dynamics import LoopSettings
-    >>> LoopSettings(effects=("viscous_friction", "coulomb_friction"), block=1.0).families
-    ('viscous_friction', 'coulomb_friction')
+    An effect is looked at when it gains ``gain_in_errors`` standard errors on held-out blocks of ``block`` [s] or more
+    and lowers the mean square residual of a joint by ``floor_share`` squared noise floors and by ``torque_share`` of
+    the variance of the measured torque. It is dropped again below ``keep_share`` squared floors, and named when its
+    gain in the final model is no accident at ``significance`` over all candidates looked at. Single training runs are
+    validated on ``time_folds`` parts. The test runs contradict a name beyond ``confirmation``. What is left of a joint
+    depends on the motion where a black box finds more than ``alarm_share`` of it, at ``alarm_level`` over all joints.
+    An alternative is named where held-out mean squares grow by less than ``alike_share``. No floor lies below
+    ``resolution`` of the measured torque. Without test runs the last ``held_out_share`` of every run is held out after
+    a gap of ``held_out_gap`` [s]. ``evaluations`` of symbolic regression describe what stays unexplained on a joint.
     """
 
     effects: tuple[str, ...] = ()
     sign_widths: tuple[float, ...] = (0.0, 0.01, 0.03, 0.08)
     sign_travels: tuple[float, ...] = (1e-4, 3e-4, 1e-3)
-    block: float = 2.0
+    block: float = 0.5
     time_folds: int = 4
     gain_in_errors: float = 2.0
     floor_share: float = 0.15
     keep_share: float = 0.1
     torque_share: float = 1e-5
-    floor_tolerance: float = 0.5
+    significance: float = 0.02
+    confirmation: float = 0.05
+    alarm_level: float = 0.01
+    alarm_share: float = 0.05
     alike_share: float = 0.03
     resolution: float = 1e-4
     max_effects: int = 60
@@ -61,7 +61,10 @@ class LoopSettings:
             ("floor_share", 0.0, 100.0),
             ("keep_share", 0.0, 100.0),
             ("torque_share", 0.0, 1.0),
-            ("floor_tolerance", 0.0, 10.0),
+            ("significance", 1e-9, 0.5),
+            ("confirmation", 1e-9, 0.5),
+            ("alarm_level", 1e-9, 0.5),
+            ("alarm_share", 0.0, 1.0),
             ("alike_share", 0.0, 1.0),
             ("resolution", 1e-9, 1.0),
             ("max_effects", 1, 1000),

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Slot
-from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.evidence import Evidence, Held
 from hybrid_dynamics.loop.settings import LoopSettings
 
 Array = NDArray[np.float64]
@@ -36,53 +37,101 @@ class Candidate:
     reason: str
 
 
+#: Fewer clusters than this say nothing about an uncertainty.
+FEWEST_CLUSTERS = 10
+#: Fewer rows than this and a joint has no say.
+FEWEST_ROWS = 20
+#: Rows of the evidence table that are judged and kept.
+TABLE_ROWS = 12
+#: The family that re-identifies all links, and what it costs: about three single bodies.
+WHOLE_BODY, WHOLE_BODY_PRICE = "inertial_parameters", 30
 #: A gain of this many standard errors is no accident, wherever it shows.
 DECISIVE = 3.0
 
 
 def same_place(a: Slot, b: Slot) -> bool:
     """True where two slots are the same effect on the same joint, whatever their settings."""
-    return a.effect == b.effect and a.joint == b.joint
+    return a.place == b.place
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What a change of the model is worth on held-out samples: ``total`` and its standard error ``error``, weighted
+    (squared floors); ``per_joint`` (n,) [N m]^2 per sample; ``blocks`` behind the error."""
+
+    total: float
+    error: float
+    per_joint: Array
+    blocks: int
+
+    def surer_than(self, errors: float) -> bool:
+        """True where the gain exceeds that many of its standard errors."""
+        return self.total > errors * self.error and self.total > 0
 
 
 @dataclass(frozen=True)
 class Judge:
-    """Decides what a change of held-out error is worth."""
+    """Decides what a change of held-out error is worth.
+
+    ``misfit`` (n,) [N m] is what the starting model was known to be off by on other runs: a smaller change is no news.
+    """
 
     evidence: Evidence
     settings: LoopSettings
     floor: Array
     torque_variance: Array
+    misfit: Array
 
-    def score(self, errors: Array) -> Array:
-        """Weighted squared error (blocks,)."""
-        return np.asarray(errors @ self.evidence.weights)
+    def gain(self, new: Held, old: Held, noise: Held | None = None) -> Gain:
+        """Gain of ``new`` over ``old`` and its uncertainty, given the motion.
 
-    def mean_square(self, errors: Array) -> Array:
+        With d the change of the prediction and e the new residual, the gain is sum(d^2 + 2 d e): given the motion and
+        the fits only d e is random. Its block sums are clusters (Bester, Conley and Hansen 2011); blocks are merged by
+        two and by four as long as enough are left, and the largest error counts, so that memory across blocks is seen.
+        ``noise``: the held-out prediction whose residual stands for e, where a fuller model knows it better.
+        """
+        weights = self.evidence.weights
+        left = new if noise is None else noise
+        cross = left.cross(old) - (new.errors if left is new else left.cross(new))  # d = e_old - e_new
+        gain = old.joint_errors - new.joint_errors
+        error, blocks = block_error(cross @ weights, self.evidence.block_run)
+        per_joint = gain / np.maximum(self.evidence.samples, 1)
+        return Gain(float(gain @ weights), 2.0 * error, np.asarray(per_joint), blocks)
+
+    def score(self, held: Held) -> float:
+        """Weighted held-out squared error."""
+        return held.score
+
+    def mean_square(self, held: Held) -> Array:
         """(n,) [N m]^2."""
-        return np.asarray(errors.sum(axis=0) / np.maximum(self.evidence.samples, 1))
+        return np.asarray(held.joint_errors / np.maximum(self.evidence.samples, 1))
 
-    def standard_error(self, difference: Array) -> float:
-        """Standard error of the sum of block-wise differences (blocks,)."""
-        return float(np.sqrt(len(difference) * np.var(difference, ddof=1))) if len(difference) > 1 else 0.0
-
-    def as_good(self, errors: Array, best: Array) -> bool:
-        """True where ``errors`` (blocks, n) exceed ``best`` within one standard error, or by nothing that matters."""
-        difference = self.score(errors) - self.score(best)
-        growth = self.mean_square(errors) - self.mean_square(best)
+    def as_good(self, new: Held, best: Held, errors: float = 1.0) -> bool:
+        """True where ``new`` is worse than ``best`` within ``errors`` standard errors, or by nothing that matters."""
+        gain = self.gain(new, best)
         return bool(
-            difference.sum() <= self.standard_error(difference) or np.all(growth <= self._bar(self.settings.keep_share))
+            -gain.total <= errors * gain.error or np.all(-gain.per_joint <= self._bar(self.settings.keep_share))
         )
+
+    def level(self, candidates: int, blocks: int) -> float:
+        """Standard errors that a kept effect must gain: Student's t at ``significance`` divided by the candidates."""
+        share = self.settings.significance / max(candidates, 1)
+        return float(student.ppf(1.0 - share, max(blocks - 1, 1)))
+
+    def price(self, *slots: Slot) -> int:
+        """Price of effects where two explanations are as good: their free numbers; the whole arm's as a few bodies'."""
+        return sum(min(s.size, WHOLE_BODY_PRICE) for s in slots)
 
     def _bar(self, share: float) -> Array:
         """Mean square (n,) [N m]^2 below which a change is of no practical size."""
-        return np.maximum(share * self.floor**2, self.settings.torque_share * self.torque_variance)
+        size = np.maximum(share * self.floor**2, self.settings.torque_share * self.torque_variance)
+        return np.maximum(size, self.misfit**2)
 
     def needed(self, slot: Slot) -> int:
         """On how many joints an effect must show: a whole-robot effect seen on one joint is a proxy for a local one."""
         if slot.family().scope != "robot":
             return 1
-        return max(min(2, int((self.evidence.samples >= 20).sum())), 1)
+        return max(min(2, int((self.evidence.samples >= FEWEST_ROWS).sum())), 1)
 
     def matters(self, slot: Slot, joint_gain: Array, share: float, decisive: bool = False) -> bool:
         """True where the gain (n,) [N m]^2 is of practical size on enough of the joints on which the effect acts.
@@ -93,50 +142,72 @@ class Judge:
         return int(np.sum((joint_gain > self._bar(share)) & counted)) >= self.needed(slot)
 
 
-def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Array) -> list[Candidate]:
-    """Evidence table of one step, best first. ``before`` (blocks, n): held-out errors of the current slots.
+def block_error(sums: Array, owner: NDArray[np.int_]) -> tuple[float, int]:
+    """Standard error of the total of ``sums`` (blocks,), and the number of clusters behind it.
+
+    ``owner`` (blocks,) is the run of each block; neighbours of one run are merged.
+    """
+    error, clusters = 0.0, len(sums)
+    for merged in (1, 2, 4):
+        parts = []
+        for run in np.unique(owner):
+            mine = sums[owner == run]
+            parts.append(np.add.reduceat(mine, np.arange(0, len(mine), merged)))
+        total = np.concatenate(parts)
+        count = len(total)
+        if merged > 1 and count < FEWEST_CLUSTERS:
+            break
+        own = float(np.sqrt(count / max(count - 1, 1) * np.sum(total**2)))
+        if own >= error:
+            error, clusters = own, count
+    return error, clusters
+
+
+def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Held) -> list[Candidate]:
+    """Evidence table of one step, best first. ``before``: held-out prediction of the current slots.
 
     All fits are held physical, so that what cannot exist never wins.
     """
     evidence = judge.evidence
     pressed = evidence.constrained(current)
-    held: dict[Slot, Array] = {}
+    held: dict[Slot, Held] = {}
     for slot in candidates:
-        if any(same_place(slot, other) for other in current):
+        if any(same_place(slot, other) or covers(other, slot) for other in current):
             continue
         if pressed and any(same_place(slot, other) for other in held):
             continue  # every fit takes a while then; its settings are chosen afterwards
-        held[slot] = evidence.held_out([*current, slot], physical=True)
-    order = sorted(held, key=lambda s: (float(judge.score(held[s]).sum()), s.family().size, _key(s)))
+        held[slot] = evidence.held([*current, slot], physical=True)
+    order = sorted(held, key=lambda s: (held[s].score, s.size, _key(s)))[:TABLE_ROWS]
     rows = {s: _judged(judge, s, before, held[s]) for s in order}
     # Of those that may be named the best, and of its rivals the simplest; without any, the same of all.
     pool = [s for s in order if rows[s].accepted] or order
     if not pool:
         return []
     rivals = [s for s in pool if judge.as_good(held[s], held[pool[0]])]
-    chosen = min(rivals, key=lambda s: (s.family().size, float(judge.score(held[s]).sum()), _key(s)))
+    chosen = min(rivals, key=lambda s: (judge.price(s), held[s].score, _key(s)))
     return [rows[chosen], *(rows[s] for s in order if s != chosen)]
 
 
-def _judged(judge: Judge, slot: Slot, before: Array, errors: Array) -> Candidate:
-    """The row of ``slot`` in the evidence table, from held-out errors (blocks, n) without and with it."""
-    total = float(judge.evidence.samples[judge.evidence.samples >= 20].sum()) or 1.0
-    difference = judge.score(before) - judge.score(errors)
-    gain, error = float(difference.sum()), judge.standard_error(difference)
-    joint_gain = judge.mean_square(before) - judge.mean_square(errors)
-    # Ten free numbers find something in any few runs: a body must be surer.
-    sureness = judge.settings.gain_in_errors * (1.5 if slot.family().size == 10 else 1.0)
-    certain = gain > sureness * error and gain > 0
-    accepted = certain and judge.matters(slot, joint_gain, judge.settings.floor_share, gain > DECISIVE * error)
+def _judged(judge: Judge, slot: Slot, before: Held, after: Held) -> Candidate:
+    """The row of ``slot`` in the evidence table, from held-out predictions without and with it."""
+    total = float(judge.evidence.samples[judge.evidence.samples >= FEWEST_ROWS].sum()) or 1.0
+    gain = judge.gain(after, before)
+    certain = gain.surer_than(judge.settings.gain_in_errors)
+    accepted = certain and judge.matters(slot, gain.per_joint, judge.settings.floor_share, gain.surer_than(DECISIVE))
     return Candidate(
         slot,
-        float(judge.score(errors).sum()) / total,
-        gain / total,
-        error / total,
-        tuple(float(g) for g in joint_gain),
+        after.score / total,
+        gain.total / total,
+        gain.error / total,
+        tuple(float(g) for g in gain.per_joint),
         accepted,
         "accepted" if accepted else ("too small to matter" if certain else "within uncertainty"),
     )
+
+
+def covers(general: Slot, special: Slot) -> bool:
+    """True where ``general`` contains ``special`` as a special case: all links' inertias contain any one body."""
+    return general.effect == WHOLE_BODY and special.effect != WHOLE_BODY and special.family().is_body
 
 
 def _key(slot: Slot) -> tuple[str, int, str]:

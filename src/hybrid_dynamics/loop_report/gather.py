@@ -52,8 +52,7 @@ def gather(result: LoopResult, provenance: str = "") -> Content:
 
 def diagnosis_of(result: LoopResult) -> dict[str, Any]:
     """``diagnosis.json`` of ``result`` as plain values."""
-    diagnosis: Any = result.diagnosis
-    return dict(diagnosis) if isinstance(diagnosis, dict) else dict(diagnosis.to_json())
+    return result.diagnosis.to_json()
 
 
 def _groups(result: LoopResult, diagnosis: dict[str, Any]) -> list[Group]:
@@ -129,7 +128,7 @@ def _curves(result: LoopResult, effects: Sequence[Effect], kind: str, place: int
             Curve(
                 joint=names[j],
                 axis=axis,
-                noise=_round(result.floor[j]),
+                noise=_round(result.floor.value[j]),
                 x=_numbers(np.concatenate(x)[::step]),
                 missing=_numbers(own + rest),
                 added=_numbers(own),

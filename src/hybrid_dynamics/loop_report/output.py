@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.loop.close import LoopResult
-from hybrid_dynamics.loop.diagnosis import write_diagnosis
+from hybrid_dynamics.loop.diagnosis import Diagnosis, write_diagnosis
 from hybrid_dynamics.loop.model import save_model
 from hybrid_dynamics.loop_report.report import report_html
 
@@ -19,10 +20,10 @@ RESULT_FILES = ("diagnosis.json", "model.json", "report.html")
 def write_result(folder: Path, result: LoopResult, provenance: Mapping[str, Any] | None = None) -> None:
     """Write the three files to ``folder``, each atomically; the diagnosis last, so that its presence means all."""
     page = report_html(result)
-    diagnosis = dict(result.diagnosis)
+    diagnosis = result.diagnosis
     record: dict[str, Any] = {"uncertainty": {"residual": _residual(diagnosis)}}
     if provenance is not None:
-        diagnosis["provenance"] = dict(provenance)
+        diagnosis = replace(diagnosis, provenance=dict(provenance))
         record["provenance"] = dict(provenance)
     save_model(folder / "model.json", result.model, record)
     write_text(folder / "report.html", page)
@@ -38,8 +39,8 @@ def is_result(folder: Path) -> bool:
     return isinstance(value, dict) and {"schema", "robot", "verdict"} <= set(value)
 
 
-def _residual(diagnosis: Mapping[str, Any]) -> list[float]:
+def _residual(diagnosis: Diagnosis) -> list[float]:
     """(n,) [N m] by which the completed model is off on held-out runs, at least the noise floor."""
-    test = diagnosis["error"]["test"]
-    left = test.get("after_confirmed", test["after"])["rmse"]
-    return [max(float(a), float(b)) for a, b in zip(left, diagnosis["noise_floor"], strict=True)]
+    test = diagnosis.error["test"]
+    left = (test.after_confirmed or test.after).rmse
+    return [max(a, b) for a, b in zip(left, diagnosis.noise_floor, strict=True)]

@@ -15,7 +15,7 @@ from hybrid_dynamics.study.layout import LOOP_COLUMNS, POOL
 
 def step_table(result: LoopResult, dataset: str, provenance: str) -> pd.DataFrame:
     """A row per named effect, run (and the pool of each split) and joint: rmse [N m] before and after it was added."""
-    named = result.diagnosis["effects"]
+    named = result.diagnosis.to_json()["effects"]
     parts: list[tuple[str, str, list[Run]]] = []
     for split, own in (("train", result.train), ("test", result.test)):
         parts += [*((split, run.name, [run]) for run in own), (split, POOL, list(own))]

@@ -1,0 +1,112 @@
+"""What the test runs say of each name, openly: confirmed, or contradicted beyond uncertainty and why.
+
+The model is found without them. Afterwards every effect is left out in turn, the others re-fitted on the training runs;
+where the test runs are then predicted better beyond uncertainty, the name is contradicted. Errors are given for the
+model as found and for the one without contradicted names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.loop.diagnosis import predict_run
+from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.trace import Judge, block_error
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TestChange:
+    """Relative change of the held-out mean square error that an effect brings (negative: better), its standard error,
+    and whether that contradicts the name beyond uncertainty. ``per_joint`` (n,) relative change on each joint."""
+
+    relative: float
+    error: float
+    contradicts: bool
+    per_joint: Array
+
+
+def test_change(judge: Judge, tests: Sequence[Run], full: Model, without: Model) -> TestChange:
+    """Compare two models on ``tests``, over rows in which the joint moves, weighted as the fit was."""
+    weights = judge.evidence.weights
+    sums, owner = [], []
+    before, after = np.zeros(len(weights)), np.zeros(len(weights))
+    for r, run in enumerate(tests):
+        new, old = ((run.tau - predict_run(m, run)) * run.mask for m in (full, without))
+        before += np.sum(old**2, axis=0)
+        after += np.sum(new**2, axis=0)
+        length = float(run.time[-1] - run.time[0])
+        blocks = max(round(length / judge.settings.block), 2)
+        edges = np.linspace(0, len(run.time), blocks + 1).round().astype(int)[:-1]
+        cross = np.add.reduceat(((old - new) * new) @ weights, edges)
+        sums.append(cross)
+        owner.append(np.full(len(cross), r))
+    error, blocks = block_error(np.concatenate(sums), np.concatenate(owner))
+    size = max(float(before @ weights), 1e-300)
+    change, spread = float((after - before) @ weights), 2.0 * error
+    level = float(student.ppf(1.0 - judge.settings.confirmation, max(blocks - 1, 1)))
+    return TestChange(
+        change / size,
+        spread / size,
+        change > level * spread and change > 0.01 * float(after @ weights),
+        (after - before) / np.maximum(before, 1e-300),
+    )
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """``changes`` per slot; ``refused``: slots in the order in which the test runs spoke against them; ``model``
+    without those, re-fitted; it lists them as inactive."""
+
+    changes: dict[Slot, TestChange]
+    refused: tuple[Slot, ...]
+    model: Model
+
+
+def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequence[Run]) -> Confirmation:
+    """Ask the test runs about every name in ``full``, the model of what was ``found`` on top of ``base``.
+
+    The most contradicted name goes first and the rest are asked again without it. A joint that still ends worse than it
+    began loses the single-joint names that make it so.
+    """
+    changes: dict[Slot, TestChange] = {}
+    kept, refused, model = list(found.slots), [], full
+    while kept:
+        asked = {
+            s: test_change(judge, tests, model, found.model(judge, [o for o in kept if o != s], False)) for s in kept
+        }
+        for s, change in asked.items():
+            changes.setdefault(s, change)
+        against = [s for s in kept if asked[s].contradicts] or _worse_joints(judge, base, model, kept, asked, tests)
+        if not against:
+            break
+        worst = max(against, key=lambda s: (asked[s].relative, repr(s)))
+        changes[worst] = asked[worst]
+        kept.remove(worst)
+        refused.append(worst)
+        model = found.model(judge, kept)
+    inactive = [e for s, e in zip(found.slots, full.effects[len(base.effects) :], strict=True) if s in refused]
+    return Confirmation(changes, tuple(refused), model.with_inactive(inactive))
+
+
+def _worse_joints(
+    judge: Judge,
+    base: Model,
+    model: Model,
+    kept: Sequence[Slot],
+    asked: dict[Slot, TestChange],
+    tests: Sequence[Run],
+) -> list[Slot]:
+    """Names on joints that end surely worse than they began and would be better without them."""
+    change = test_change(judge, tests, model, base)
+    worse = set(np.flatnonzero(change.per_joint > 0.05))
+    return [s for s in kept if s.joint in worse and asked[s].per_joint[s.index] > 0.01]

@@ -1,0 +1,175 @@
+"""The result in the words and numbers of ``diagnosis.json`` (schema 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hybrid_dynamics.effects import Effect, Slot
+from hybrid_dynamics.loop.confirm import Confirmation, TestChange
+from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rounded, verdict_of
+from hybrid_dynamics.loop.extrapolation import extrapolation
+from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.floor import Floor
+from hybrid_dynamics.loop.identifiability import inconsistent, indistinguishable, undetermined
+from hybrid_dynamics.loop.model import Model, effect_to_json
+from hybrid_dynamics.loop.prepare import Logs
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.unexplained import expression_of
+from hybrid_dynamics.robots import Robot
+
+
+def describe_result(
+    judge: Judge,
+    base: Model,
+    slots: Sequence[Slot],
+    found: Found,
+    full: Model,
+    said: Confirmation,
+    floor: Floor,
+    logs: Logs,
+    notes: Sequence[str],
+) -> tuple[Diagnosis, list[Model]]:
+    """The diagnosis and the model after each effect; ``notes`` are what the earlier steps told."""
+    robot, evidence = base.robot, judge.evidence
+    alternatives = indistinguishable(judge, found.slots, slots)
+    disagreeing = inconsistent(judge, found.slots, found.x, found.torn)
+    open_parameters = {s: undetermined(evidence, found.slots, s) for s in found.slots}
+    stages = [base, *(found.model(judge, found.slots[: k + 1], False) for k in range(len(found.slots)))]
+    stages[-1] = full
+    rms = [moving_rms(m, logs.test) for m in stages]
+    outside = extrapolation(robot.joint_names, logs.train, logs.test)
+    lines: list[str] = []
+    entries = []
+    added = full.effects[len(base.effects) :]
+    for k, (slot, effect) in enumerate(zip(found.slots, added, strict=True)):
+        entry = effect_to_json(effect)
+        entry["indistinguishable_from"] = alternatives.get(slot, [])
+        if open_parameters[slot]:
+            entry["undetermined_parameters"] = open_parameters[slot]
+        if slot in disagreeing:
+            entry["inconsistent_between_runs"] = disagreeing[slot]
+            which = ", ".join(d["parameter"] for d in disagreeing[slot])
+            lines.append(f"{slot.effect}{_where(robot, slot)}: {which} differ between runs beyond their uncertainty")
+        lines += _change(base, effect)
+        entry["test_rmse_before"] = [float(v) for v in rms[k]]
+        entry["test_rmse_after"] = [float(v) for v in rms[k + 1]]
+        entry |= _confirmed(robot, slot, said, outside, entry, len(logs.train))
+        if not entry["confirmed"]:
+            lines.append(f"{slot.effect}{_where(robot, slot)}: contradicted by the test runs ({entry['why_not']})")
+        entries.append(entry)
+    lines += said.model.outrun(np.concatenate([run.motion.dq for run in logs.test]))
+    for j in np.flatnonzero(floor.cannot_tell):
+        lines.append(
+            f"{robot.joint_names[j]}: what is left changes slowly (autocorrelation {floor.autocorrelation[j]:.2f}); "
+            "these runs cannot tell slow noise from an effect that is missing: record runs that pass the same states"
+        )
+    explained = ~floor.seen | ~(floor.motion_dependent | floor.cannot_tell)
+    diagnosis = {
+        "schema": 2,
+        "robot": robot.name,
+        "joints": list(robot.joint_names),
+        "verdict": verdict_of(any(e["confirmed"] for e in entries), explained),
+        "effects": entries,
+        "error": _errors(base, full, said.model, logs, False),
+        "error_moving": _errors(base, full, said.model, logs, True),
+        "noise_floor": floor.value.tolist(),
+        "noise_floor_low": floor.low.tolist(),
+        "noise_floor_high": floor.high.tolist(),
+        "learnable_share": floor.learnable_share.tolist(),
+        "motion_dependent": [bool(v) for v in floor.motion_dependent],
+        "cannot_tell": [bool(v) for v in floor.cannot_tell],
+        "autocorrelation": floor.autocorrelation.tolist(),
+        "extrapolation": outside,
+        "unexplained": [
+            _unexplained(robot, said.model, logs.train, judge, floor, int(j)) for j in np.flatnonzero(~explained)
+        ],
+        "not_identifiable": [
+            {
+                "joint": robot.joint_names[j],
+                "why": "the joint never moves in the training runs; its effects are not sought",
+            }
+            for j in np.flatnonzero(~logs.moving)
+        ],
+        "notes": [*notes, *lines],
+    }
+    return Diagnosis.from_json(rounded(diagnosis)), stages
+
+
+def _unexplained(robot: Robot, model: Model, runs: list[Run], judge: Judge, floor: Floor, joint: int) -> dict[str, Any]:
+    # Of what is left, the share that a black box removes; where none can be learned, what second differences deny.
+    share = float(floor.learnable_share[joint])
+    if not floor.motion_dependent[joint]:
+        share = max(1.0 - float(floor.low[joint] / max(floor.value[joint], 1e-300)) ** 2, 0.0)
+    return {
+        "joint": robot.joint_names[joint],
+        "share_of_residual_variance": share,
+        "expression": expression_of(model, runs, joint, judge.settings.evaluations),
+    }
+
+
+def _confirmed(
+    robot: Robot, slot: Slot, said: Confirmation, outside: list[dict[str, Any]], entry: dict[str, Any], runs: int
+) -> dict[str, Any]:
+    change = said.changes[slot]
+    out: dict[str, Any] = {
+        "confirmed": slot not in said.refused,
+        "test_change": {"value": change.relative, "std_error": change.error},
+    }
+    if slot in said.refused:
+        out["why_not"] = _why_not(robot, slot, change, outside, entry, runs)
+    return out
+
+
+def _why_not(
+    robot: Robot, slot: Slot, change: TestChange, outside: list[dict[str, Any]], entry: dict[str, Any], runs: int
+) -> str:
+    """The probable reason, one clause."""
+    own = [
+        o
+        for o in outside
+        if (slot.joint is None or o["joint"] == robot.joint_names[slot.joint]) and o["share_outside"] > 0.05
+    ]
+    if own:
+        o = own[0]
+        return (
+            f"the test motion lies outside the training range: {100 * o['share_outside']:.0f} % of {o['variable']} of "
+            f"{o['joint']}"
+        )
+    if entry["indistinguishable_from"]:
+        other = entry["indistinguishable_from"][0]["effects"][0]
+        return f"a correlated partner, {other['effect']}, explains as much"
+    if runs == 1:
+        return "found in one training run only: it may be particular to that run"
+    return f"the test runs are predicted better without it ({100 * change.relative:+.1f} % mean square error)"
+
+
+def _change(base: Model, effect: Effect) -> list[str]:
+    """What became of a joint's effect that ``base`` has already; bodies have their whole inertia in the table."""
+    slot = effect.slot(base.robot)
+    kind = slot.family()
+    old = [e for e in base.effects if e.slot(base.robot) == slot and kind.scope == "joint"]
+    return [
+        f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to "
+        f"{was + effect.parameters[p.name]:.4g} {p.unit} since the starting model"
+        for p in kind.parameters
+        if old and (was := sum(e.parameters[p.name] for e in old)) != 0
+    ]
+
+
+def _where(robot: Robot, slot: Slot) -> str:
+    return "" if slot.joint is None else f" of {robot.joint_names[slot.joint]}"
+
+
+def _errors(base: Model, full: Model, confirmed: Model, logs: Logs, moving: bool) -> dict[str, Any]:
+    return {
+        name: {
+            "before": errors_of(base, part, moving),
+            "after": errors_of(full, part, moving),
+            "after_confirmed": errors_of(confirmed, part, moving),
+        }
+        for name, part in (("train", logs.train), ("test", logs.test))
+    }

@@ -1,0 +1,125 @@
+"""From logs to evidence: runs held out, signals processed, candidates listed, knocks left out, joints weighed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Slot, family
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop.disturbances import describe, disturbances
+from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.floor import difference_floor
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.noise import noise_floor, rich_residuals
+from hybrid_dynamics.loop.process import Run, moving_joints, process
+from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.loop.trace import FEWEST_ROWS, Judge, same_place
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: How far the filters carry a moment to either side, in periods of their cut-off.
+KNOCK_REACH = 2.0
+
+
+@dataclass(frozen=True)
+class Logs:
+    """Processed runs: ``train`` is learned from, ``test`` held out; ``moving`` (n,) joints that move in ``train``."""
+
+    train: list[Run]
+    test: list[Run]
+    moving: NDArray[np.bool_]
+    notes: list[str]
+
+
+def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajectory], settings: LoopSettings) -> Logs:
+    """Process all runs; without test runs the last part of every training run is held out."""
+    learned, held, notes = hold_out(list(train), list(test), settings)
+    runs = [process(t, robot, settings.process) for t in learned]
+    tests = [process(t, robot, settings.process) for t in held]
+    moving = moving_joints(runs, settings.process)
+    if not moving.any():
+        raise InputError(
+            f"no joint moves more than {settings.process.moving_range} rad in the training runs; expected logs of a "
+            "robot in motion"
+        )
+    return Logs(runs, tests, moving, notes)
+
+
+def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list[Slot], list[str]]:
+    """Evidence for all candidates and the judge over it; notes on what was left out."""
+    slots = candidates(base, logs.moving, settings)
+    evidence = Evidence(base, logs.train, slots, settings)
+    notes = _leave_out_knocks(evidence)
+    torque = np.concatenate([run.tau for run in logs.train])
+    least = resolution(logs.train, settings)
+    seen = evidence.samples >= FEWEST_ROWS
+    # A rich model of few rows follows the noise; second differences see it whatever the model.
+    low = difference_floor(logs.train, evidence.base_target, evidence.mask)
+    floor = np.where(seen, np.maximum(np.maximum(noise_floor(evidence), low), least), 0.0)
+    evidence.weigh(np.where(floor > 0, 1.0 / np.where(floor > 0, floor, 1.0) ** 2, 0.0))
+    misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
+    return Judge(evidence, settings, floor, torque.var(axis=0), misfit), slots, notes
+
+
+def resolution(runs: Sequence[Run], settings: LoopSettings) -> Array:
+    """(n,) [N m] below which no floor lies: a share of the measured torque."""
+    torque = np.concatenate([run.tau for run in runs])
+    return np.asarray(settings.resolution * np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9))
+
+
+def candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -> list[Slot]:
+    """Places effects could take; friction that ``base`` has already changes by its amount, not by its width."""
+    robot, options = base.completed_robot, settings.options
+    slots = [s for name in settings.families for s in family(name).slots(robot, moving, options)]
+    own = [effect.slot(base.robot) for effect in base.effects]
+    own = [s for s in dict.fromkeys(own) if s.family().scope == "joint" and moving[s.index]]
+    return [
+        *(s for s in slots if not any(same_place(s, o) for o in own)),
+        *(o for o in own if o.effect in settings.families),
+    ]
+
+
+def hold_out(
+    train: list[Trajectory], test: list[Trajectory], settings: LoopSettings
+) -> tuple[list[Trajectory], list[Trajectory], list[str]]:
+    """Test runs where there are none: the last part of every training run, after a gap."""
+    notes = []
+    if not test:
+        kept = []
+        for run in train:
+            rows = len(run.time)
+            cut = int((1 - settings.held_out_share) * rows)
+            gap = min(int(settings.held_out_gap / run.dt), rows // 10)
+            kept.append(run.rows(slice(0, cut)))
+            test.append(replace(run.rows(slice(cut + gap, rows)), split="test", name=f"{run.name} (held out)"))
+        train = kept
+        notes.append(
+            f"no test run is given: the last {settings.held_out_share:.0%} of every training run are held out; whether "
+            "the result carries over to other motions is not shown"
+        )
+    if len(train) == 1:
+        notes.append(
+            f"one training run only: candidates are validated on {settings.time_folds} parts of it in turn; what is "
+            "particular to this run cannot be told from what belongs to the robot"
+        )
+    return train, test, notes
+
+
+def _leave_out_knocks(evidence: Evidence) -> list[str]:
+    """Let moments that are no property of the robot count no more; one line for each."""
+    found = [
+        d
+        for r, residual in enumerate(rich_residuals(evidence))
+        for d in disturbances(
+            r, evidence.runs[r].time, residual, evidence.mask[r], KNOCK_REACH / evidence.runs[r].cutoff
+        )
+    ]
+    for d in found:
+        evidence.leave_out(d.run, slice(d.start, d.stop))
+    return describe(found, [run.name for run in evidence.runs])

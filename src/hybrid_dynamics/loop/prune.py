@@ -1,0 +1,164 @@
+"""Search from everything: start with all that the data can carry on every joint, add bodies, prune what is not needed.
+
+Effects mask each other: friction looks poor until the payload is in, and the other way round. Starting from everything
+and pruning finds groups that no single addition would; starting from nothing finds the simple cases. The better end
+counts (:func:`choose`), the simpler one where both predict as well.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.evidence import Held
+from hybrid_dynamics.loop.search import Step, better_settings
+from hybrid_dynamics.loop.trace import FEWEST_ROWS, Candidate, Gain, Judge, covers, rank, same_place
+
+#: A family must surely sit on at least this many joints, and on half of those that move, to be common.
+FEWEST_COMMON = 3
+#: A simpler end may be worse on no joint by more than this share of its mean square, however uncertain that is.
+MOST_LOSS = 0.1
+
+
+def from_everything(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None]) -> list[Step]:
+    """Steps from all joint-wise effects of one coefficient, over the bodies they leave room for, to what is needed.
+
+    Empty where nothing acts on a single joint. Ends: bodies are only added, at most each once; then effects are only
+    dropped.
+    """
+    evidence, settings = judge.evidence, judge.settings
+    places: dict[tuple[str, int | None], Slot] = {}
+    for slot in candidates:
+        if slot.family().scope == "joint" and slot.family().everywhere:
+            places.setdefault((slot.effect, slot.joint), slot)
+    if not places:
+        return []
+    current = list(places.values())
+    refit(evidence, current)
+    current = better_settings(judge, current, candidates)
+    steps = [_step(judge, "start", None, current)]
+    report(steps[-1])
+    wide = [c for c in candidates if c.family().scope != "joint"]
+    while wide:
+        table = rank(judge, current, wide, evidence.held(current, physical=True))
+        choice = next((c for c in table if c.accepted), None)
+        if choice is None:
+            break
+        current = [s for s in current if not covers(choice.slot, s)] + [choice.slot]
+        wide = [c for c in wide if not same_place(c, choice.slot)]
+        refit(evidence, current)
+        steps.append(_step(judge, "add", choice.slot, current, table))
+        report(steps[-1])
+    current = better_settings(judge, current, candidates)
+    while True:
+        idle = _idle(judge, current, settings.keep_share)
+        if not idle or len(current) < 2:
+            break
+        # Half of what is not needed at once, as long as that costs nothing; else one after the other.
+        full = evidence.held(current, physical=True)
+        bunch = [s for _, s in idle[: max(len(idle) // 2, 1)]]
+        rest = [s for s in current if s not in bunch]
+        if len(bunch) > 1 and not judge.as_good(evidence.held(rest, physical=True), full):
+            bunch = bunch[:1]
+            rest = [s for s in current if s not in bunch]
+        if not rest:
+            break
+        current = rest
+        refit(evidence, current)
+        for slot in bunch:
+            steps.append(_step(judge, "drop", slot, current))
+            report(steps[-1])
+    return steps
+
+
+def choose(judge: Judge, ends: Sequence[Sequence[Slot]]) -> list[Slot]:
+    """The best of several ends by held-out error; of those as good, the one of the lowest price."""
+    held = [_held(judge, end) for end in ends]
+    best = min(range(len(ends)), key=lambda k: held[k].score)
+    refit(judge.evidence, ends[best])
+    again = [judge.evidence.held(end, physical=True) for end in ends]
+    best_square = np.maximum(judge.mean_square(again[best]), judge.floor**2)
+    rivals = [
+        k
+        for k in range(len(ends))
+        if k == best
+        or (
+            judge.as_good(again[k], again[best])
+            and np.all(judge.mean_square(again[k]) <= (1 + MOST_LOSS) * best_square + 1e-300)
+        )
+    ]
+    return list(ends[min(rivals, key=lambda k: (judge.price(*ends[k]), held[k].score))])
+
+
+def keep_sure(
+    judge: Judge, current: Sequence[Slot], looked: int, report: Callable[[Step], None]
+) -> tuple[list[Slot], dict[Slot, Gain], list[Step]]:
+    """Drop, least sure first, what does not exceed the level that ``looked`` candidates ask for; returns what stays
+    with its gain in the final model.
+
+    The noise is what the model leaves before anything is dropped: otherwise the misfit that one drop leaves behind
+    would drown the next. A family common to most joints was looked at once; on each further joint it is one of n.
+    """
+    evidence = judge.evidence
+    kept = list(current)
+    steps: list[Step] = []
+    noise = evidence.held(current, physical=True)
+    common = _common(judge, losses(judge, current), looked)
+    while True:
+        gains = losses(judge, kept, noise)
+        weak = []
+        for slot, gain in gains.items():
+            level = judge.level(evidence.n if slot.effect in common else looked, gain.blocks)
+            if not gain.surer_than(level):
+                weak.append((gain.total / max(gain.error * level, 1e-300), slot))
+        if not weak:
+            return kept, gains, steps
+        _, slot = min(weak, key=lambda item: (item[0], repr(item[1])))
+        kept.remove(slot)
+        refit(evidence, kept)
+        steps.append(_step(judge, "drop", slot, kept))
+        report(steps[-1])
+
+
+def losses(judge: Judge, current: Sequence[Slot], noise: Held | None = None) -> dict[Slot, Gain]:
+    """What each effect is worth in the model of all of them; uncertainty from what ``noise`` leaves, or they do."""
+    full = judge.evidence.held(current, physical=True)
+    return {
+        s: judge.gain(full, judge.evidence.held([o for o in current if o != s], physical=True), noise) for s in current
+    }
+
+
+def _common(judge: Judge, gains: dict[Slot, Gain], looked: int) -> set[str]:
+    """Families that are surely there on most moving joints: one cause, so the other joints need only be sure for it."""
+    sure: Counter[str] = Counter()
+    for slot, gain in gains.items():
+        if slot.joint is not None and gain.surer_than(judge.level(looked, gain.blocks)):
+            sure[slot.effect] += 1
+    moving = int((judge.evidence.samples >= FEWEST_ROWS).sum())
+    return {name for name, count in sure.items() if count >= max(FEWEST_COMMON, (moving + 1) // 2)}
+
+
+def _idle(judge: Judge, current: Sequence[Slot], share: float) -> list[tuple[float, Slot]]:
+    """Effects without which the held-out error hardly grows, least needed first."""
+    idle = []
+    for slot, loss in losses(judge, current).items():
+        if not (loss.surer_than(1.0) and judge.matters(slot, loss.per_joint, share, loss.surer_than(3.0))):
+            idle.append((loss.total, slot))
+    return sorted(idle, key=lambda item: (item[0], repr(item[1])))
+
+
+def _held(judge: Judge, slots: Sequence[Slot]) -> Held:
+    """Held-out prediction with the linearisation at these slots."""
+    refit(judge.evidence, slots)
+    return judge.evidence.held(slots, physical=True)
+
+
+def _step(
+    judge: Judge, action: str, slot: Slot | None, current: Sequence[Slot], table: Sequence[Candidate] = ()
+) -> Step:
+    rms = np.sqrt(judge.mean_square(judge.evidence.held(current, physical=True)))
+    return Step(action, slot, tuple(current), tuple(table), tuple(float(v) for v in rms))

@@ -1,0 +1,219 @@
+"""Search from nothing: add an effect, re-fit everything jointly, drop what is no longer needed, until nothing is left.
+
+No combination of effects is visited twice and an effect that was dropped :data:`MOST_DROPS` times is not tried again,
+so the search ends after at most ``(MOST_DROPS + 1) * candidates`` additions, as many drops, and the replacements, each
+of which must lower the held-out error or the price.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.effects.sign import travel_settings
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.evidence import ONLY_RUN, Held
+from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, overlap, pairs
+from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers, rank, same_place
+
+#: An effect that was dropped this often is left alone.
+MOST_DROPS = 2
+
+
+@dataclass(frozen=True)
+class Step:
+    """One change of the model: ``action`` is add, drop, replace or stop; ``slots`` the model's after it."""
+
+    action: str
+    slot: Slot | None
+    slots: tuple[Slot, ...]
+    table: tuple[Candidate, ...]
+    held_out: tuple[float, ...]
+
+
+def search(
+    judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None], start: Sequence[Slot] = ()
+) -> list[Step]:
+    """Stepwise search, forward and backward, with replacements, from ``start``; returns the steps taken."""
+    evidence, settings = judge.evidence, judge.settings
+    current: list[Slot] = list(start)
+    steps: list[Step] = []
+    seen: set[frozenset[Slot]] = {frozenset(current)}
+    dropped: Counter[Slot] = Counter()
+
+    def record(action: str, slot: Slot | None, table: Sequence[Candidate] = ()) -> None:
+        rms = np.sqrt(judge.mean_square(evidence.held(current, physical=True)))
+        steps.append(Step(action, slot, tuple(current), tuple(table), tuple(float(v) for v in rms)))
+        report(steps[-1])
+
+    while True:
+        before = evidence.held(current, physical=True)
+        table = rank(judge, current, [c for c in candidates if dropped[c] < MOST_DROPS], before)
+        room = len(current) < settings.max_effects
+        choice = next((c for c in table if room and c.accepted and frozenset([*current, c.slot]) not in seen), None)
+        if choice is None:
+            replaced = _replace(judge, current, candidates, before, seen)
+            if replaced is None:
+                replaced = _lighter(judge, current, candidates, before, seen)
+            if replaced is None:
+                record("stop", None, table)
+                break
+            current[:] = replaced
+            seen.add(frozenset(current))
+            refit(evidence, current)
+            record("replace", None, table)
+        else:
+            current[:] = [s for s in current if not covers(choice.slot, s)]
+            current.append(choice.slot)
+            seen.add(frozenset(current))
+            refit(evidence, current)
+            record("add", choice.slot, table)
+        current[:] = better_settings(judge, current, candidates)
+        while (useless := _useless(judge, current)) is not None:
+            current.remove(useless)
+            dropped[useless] += 1
+            seen.add(frozenset(current))
+            refit(evidence, current)
+            record("drop", useless)
+    return steps
+
+
+def better_settings(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
+    """Choose again among the settings of each effect (the width of a sign, say)."""
+    best = list(current)
+    score = judge.evidence.held(best).score
+    for i, slot in enumerate(current):
+        if ONLY_RUN in dict(slot.settings):
+            continue
+        for other in candidates:
+            if other != slot and same_place(other, slot):
+                trial = [*best[:i], other, *best[i + 1 :]]
+                value = judge.evidence.held(trial).score
+                if value < score:
+                    best, score = trial, value
+    return best
+
+
+def choose_signs(judge: Judge, current: Sequence[Slot]) -> list[Slot]:
+    """Friction whose sign turns over, joint by joint, as predicts standing rows best, where moving rows leave it open.
+
+    What a joint does below the slow speed has no say in what is named; but of two settings that are as good above it
+    the one is kept that is also right below. Friction of the starting model stays as it is.
+    """
+    evidence = judge.evidence
+    turning = [s for s in current if s.family().turns_sign and not evidence.in_base(s)]
+    evidence.add_slots(
+        [replace(s, settings=settings) for s in turning for settings in travel_settings(judge.settings.sign_travels)]
+    )
+    best = list(current)
+    refit(evidence, best)
+    ways = sorted({s.settings for s in evidence.slots if s.family().turns_sign})
+    for joint in sorted({s.index for s in turning}):
+        own = [i for i, s in enumerate(best) if s.joint == joint and s in turning]
+        reference = evidence.held(best)
+        error = evidence.held_out_all_rows(best, joint)
+        start = list(best)
+        for settings in ways:
+            trial = [replace(s, settings=settings) if i in own else s for i, s in enumerate(start)]
+            if trial == start or not all(evidence.has(s) for s in trial):
+                continue
+            loss = judge.gain(reference, evidence.held(trial))
+            if loss.surer_than(1.0) and np.any(loss.per_joint > judge.settings.floor_share * judge.floor**2):
+                continue
+            value = evidence.held_out_all_rows(trial, joint)
+            if value < error:
+                best, error = trial, value
+    return best
+
+
+def _useless(judge: Judge, current: Sequence[Slot]) -> Slot | None:
+    """The effect that others explain by now, if any: without it held-out error hardly grows."""
+    if len(current) < 2:
+        return None
+    evidence, settings = judge.evidence, judge.settings
+    pressed = evidence.constrained(current)
+    full = evidence.held(current, pressed)
+    worst: tuple[float, Slot] | None = None
+    for slot in current:
+        rest = [s for s in current if s != slot]
+        both = pressed or evidence.constrained(rest)
+        loss = judge.gain(evidence.held(current, both) if both else full, evidence.held(rest, both))
+        needed = loss.surer_than(1.0) and judge.matters(
+            slot, loss.per_joint, settings.keep_share, loss.surer_than(DECISIVE)
+        )
+        if not needed and (worst is None or loss.total < worst[0]):
+            worst = (loss.total, slot)
+    return None if worst is None else worst[1]
+
+
+def _replace(
+    judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Held, seen: set[frozenset[Slot]]
+) -> list[Slot] | None:
+    """One or two effects replaced by another candidate: surely better, or as good and simpler.
+
+    A newcomer must surely explain something itself: by being simpler alone nothing gets in.
+    Trials are screened without the constraints of bodies; what passes is judged with them.
+    """
+    evidence = judge.evidence
+    free = evidence.held(current)
+    groups: list[tuple[Slot, ...]] = [(s,) for s in current]
+    if len(current) <= 8:
+        groups += [(a, b) for i, a in enumerate(current) for b in current[i + 1 :]]
+    best: tuple[float, list[Slot]] | None = None
+    for group in groups:
+        rest = [s for s in current if s not in group]
+        price = judge.price(*group)
+        for slot in candidates:
+            trial = [*rest, slot]
+            if any(same_place(slot, s) or covers(s, slot) for s in current) or frozenset(trial) in seen:
+                continue
+            simpler = judge.price(slot) < price
+            screened = evidence.held(trial)
+            # Most trials are far worse: that needs no uncertainty.
+            if screened.score > 1.5 * free.score or not _better(judge, judge.gain(screened, free), simpler):
+                continue
+            held = evidence.held(trial, physical=True)
+            gain = judge.gain(held, before)
+            if not _better(judge, gain, simpler) or (best is not None and -gain.total >= best[0]):
+                continue
+            own = judge.gain(held, evidence.held(rest, physical=True))
+            if own.surer_than(judge.settings.gain_in_errors):
+                best = (-gain.total, trial)
+    return None if best is None else best[1]
+
+
+def _lighter(
+    judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Held, seen: set[frozenset[Slot]]
+) -> list[Slot] | None:
+    """A body replaced by two effects of one coefficient each that explain as much.
+
+    A body found first takes what several simple effects have in common; without this they would never be looked at,
+    since each alone adds nothing beside it.
+    """
+    evidence = judge.evidence
+    layout = evidence.layout(current)
+    x = evidence.fit(current)
+    free = [c for c in candidates if not any(same_place(c, s) for s in current)]
+    best: tuple[float, list[Slot]] | None = None
+    for slot, start in zip(layout.slots, layout.starts, strict=True):
+        size = slot.size
+        if not slot.family().is_body or size <= 2 or ONLY_RUN in dict(slot.settings):
+            continue
+        rest = [s for s in current if s != slot]
+        for pair in pairs(slot, free):
+            trial = [*rest, *pair]
+            if frozenset(trial) in seen or overlap(evidence, slot, x[start : start + size], *pair) < LIKENESS_OF_PAIR:
+                continue
+            held = evidence.held(trial, physical=True)
+            if judge.as_good(held, before) and (best is None or held.score < best[0]):
+                best = (held.score, trial)
+    return None if best is None else best[1]
+
+
+def _better(judge: Judge, gain: Gain, simpler: bool) -> bool:
+    """Whether ``gain`` of the new over the old speaks for the new."""
+    return gain.surer_than(judge.settings.gain_in_errors) or (simpler and -gain.total <= gain.error)
