@@ -31,7 +31,8 @@ def dynamics_of(robot: Robot) -> dict[str, Any]:
     """
     model = robot.model
     neutral = pin.neutral(model)
-    bodies = []
+    follows = {m.joint: m for m in robot.mimics}
+    bodies: list[dict[str, Any]] = []
     for i in range(1, model.njoints):
         joint = model.joints[i]
         data = joint.createData()
@@ -52,6 +53,9 @@ def dynamics_of(robot: Robot) -> dict[str, Any]:
                 "armature": _numbers(model.armature[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]]),
             }
         )
+        if (mimic := follows.get(model.names[i])) is not None:
+            law = _numbers([mimic.multiplier, mimic.offset])
+            bodies[-1]["mimic"] = {"joint": mimic.leader, "multiplier": law[0], "offset": law[1]}
     return {"gravity": _numbers(model.gravity.linear), "bodies": bodies}
 
 
@@ -82,6 +86,8 @@ def _of_body(was: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     for key in ("type", "parent"):
         if was[key] != now[key]:
             out.append(f"{key} is {now[key]}, not {was[key]}")
+    if was.get("mimic") != now.get("mimic"):
+        out.append("it mimics another joint otherwise")
     # The scale of a body: what is small against it is rounding.
     size = max(np.abs([*was["inertia"], *now["inertia"]]).max(), 1e-9)
     for key, what, unit, tolerance in (

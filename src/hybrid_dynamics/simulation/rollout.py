@@ -154,6 +154,7 @@ class _Plant:
     """Forward dynamics of all runs over one control period, with preallocated arrays."""
 
     def __init__(self, robot: Robot, effects: JointEffects, period: float, substep: float) -> None:
+        robot.demand_no_mimics("the simulation")
         self.robot, self.effects = robot, effects
         self.substeps = max(int(np.ceil(period / substep - 1e-9)), 1)
         self.h = period / self.substeps
