@@ -23,23 +23,28 @@ from hybrid_dynamics import Model, Robot, close_loop
 from hybrid_dynamics.export.resimulate import before_and_after, set_for_simulation
 from hybrid_dynamics.export.source import Source
 from hybrid_dynamics.export.writing import export
-from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.loop.process import ProcessSettings, Run, process
 
-WINDOW = 2.0
+#: An arm that is not controlled falls: errors grow by themselves. So every half second starts where the robot was.
+WINDOW = 0.5
 
 
-def simulate(mjcf: Path, joints: tuple[str, ...], run: Trajectory, seconds: float) -> np.ndarray:
-    """Positions (T, n) [rad] of the model in ``mjcf`` under the recorded torque, from the first recorded position."""
+def simulate(mjcf: Path, run: Run) -> np.ndarray:
+    """Positions (T, n) [rad] of the model in ``mjcf`` under the recorded torque; NaN where a window begins."""
     model = mujoco.MjModel.from_xml_path(str(mjcf))
-    set_for_simulation(model, run.dt)
+    dt = float(run.time[1] - run.time[0])
+    substeps = 20
+    set_for_simulation(model, dt / substeps)
     data = mujoco.MjData(model)
-    data.qpos[:] = run["q"][0]
-    positions = []
-    for tau in run["tau"][: round(seconds / run.dt)]:
-        positions.append(data.qpos.copy())
-        data.ctrl[:] = tau
-        mujoco.mj_step(model, data)
-    return np.array(positions)
+    positions = np.full_like(run.q, np.nan)
+    for k in range(len(run.time)):
+        if k % round(WINDOW / dt) == 0:
+            data.qpos[:], data.qvel[:] = run.q[k], run.dq[k]
+        else:
+            positions[k] = data.qpos
+        data.ctrl[:] = run.tau[k : k + 2].mean(axis=0)
+        mujoco.mj_step(model, data, substeps)
+    return positions
 
 
 def main() -> None:
@@ -60,19 +65,20 @@ def main() -> None:
             pair = (before.position[k], after.position[k])
             print(f"  {joint}: {pair[0]:.3g} rad with the URDF alone, {pair[1]:.3g} rad with the completed model")
 
-        # 2. One long window, as files that any MuJoCo program can load.
+        # 2. The same as a picture, from files that any MuJoCo program can load.
+        run = process(test[0], robot, ProcessSettings())  # positions, speeds and torques at one bandwidth
         traces = {}
         for label, model in (("URDF alone", Model(robot)), ("completed model", completed)):
             path = folder / f"{label.replace(' ', '_')}.xml"
             model.save(folder / "model.json")
             export(folder / "model.json", urdf, "mjcf", path, force=True)
-            traces[label] = simulate(path, robot.joint_names, test[0], WINDOW)
+            traces[label] = simulate(path, run)
         figure, axes = plt.subplots(robot.n_joints, 1, sharex=True, figsize=(7, 5), layout="constrained")
         for k, (axis, joint) in enumerate(zip(axes, robot.joint_names, strict=True)):
-            rows = len(traces["completed model"])
-            axis.plot(test[0].time[:rows], test[0]["q"][:rows, k], color="black", label="recorded")
-            for (label, q), line in zip(traces.items(), ("--", "-"), strict=True):
-                axis.plot(test[0].time[:rows], q[:, k], line, label=label)
+            axis.plot(run.time, run.q[:, k], color="black", label="recorded")
+            for (label, q), line in zip(traces.items(), (":", "-"), strict=True):
+                axis.plot(run.time, q[:, k], line, label=f"{label}, restarted every {WINDOW} s")
+            axis.set_ylim(run.q[:, k].min() - 0.5, run.q[:, k].max() + 0.5)
             axis.set_ylabel(f"{joint} [rad]")
         axes[0].legend()
         axes[-1].set_xlabel("time [s]")
