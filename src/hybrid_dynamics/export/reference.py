@@ -1,0 +1,80 @@
+"""The tables of ``docs/export.md``: ``python -m hybrid_dynamics.export.reference`` prints them from the code."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hybrid_dynamics.effects import Effect, catalogue, family
+from hybrid_dynamics.export import NETWORK
+from hybrid_dynamics.export.carry import CARRIES
+from hybrid_dynamics.export.terms import WORDS, terms
+from hybrid_dynamics.robots import Robot
+
+_LINK = (
+    '<link name="l{k}"><inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    '</inertial></link><joint name="j{k}" type="revolute"><parent link="l{below}"/><child link="l{k}"/>'
+    '<origin xyz="0 0 0.3"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>'
+)
+#: Members drawn of each family.
+_DRAWS = 12
+
+
+def term_table() -> str:
+    """What each format does with each term an effect may have."""
+    forms = list(CARRIES)
+    lines = ["| term | " + " | ".join(forms) + " |", "|---" * (len(forms) + 1) + "|"]
+    for term, words in WORDS.items():
+        cells = [CARRIES[form].get(term, "–").replace("|", "\\|") for form in forms]
+        lines.append(f"| {words} | " + " | ".join(f"`{c}`" if "<" in c else c for c in cells) + " |")
+    return "\n".join(lines)
+
+
+def effect_table() -> str:
+    """The terms of each effect, and what of them each description format keeps."""
+    forms = [form for form in CARRIES if CARRIES[form] is not CARRIES["c"]]
+    lines = ["| effect | terms | " + " | ".join(forms) + " | programs |", "|---" * (len(forms) + 3) + "|"]
+    for name, variants in _terms_of_all().items():
+        words = " or ".join("; ".join(WORDS[t] for t in own) for own in variants)
+        cells = [" or ".join(dict.fromkeys(_share(own, form) for own in variants)) for form in [*forms, "c"]]
+        lines.append(f"| `{name}` | {words} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _share(own: tuple[str, ...], form: str) -> str:
+    kept = [term for term in own if term in CARRIES[form]]
+    return "yes" if len(kept) == len(own) else "in part" if kept else "no"
+
+
+def _terms_of_all() -> dict[str, list[tuple[str, ...]]]:
+    """Terms of the members of every family of the catalogue, as a study draws them; alike ones once."""
+    text = "".join(_LINK.format(k=k, below=k - 1) for k in (1, 2, 3))
+    robot = Robot.from_text(f'<robot name="example"><link name="l0"/>{text}</robot>', "example")
+    out: dict[str, list[tuple[str, ...]]] = {}
+    for name in catalogue(everything=True):
+        kind, found = family(name), set()
+        for seed in range(_DRAWS):
+            rng = np.random.default_rng(seed)
+            slot = kind.draw_slot(robot, np.ones(3, bool), rng)
+            parameters, settings = kind.at_slot(slot, kind.draw(robot, slot, rng), robot)
+            joints = () if slot.joint is None else (robot.joint_names[slot.joint],)
+            found.add(tuple(terms(Effect(name, joints, parameters, settings), robot)))
+        out[name] = sorted(found)
+    return out
+
+
+def tables() -> str:
+    """Both tables, as they stand in the documentation."""
+    programs = ", ".join(f"`{form}`" for form in CARRIES if CARRIES[form] is CARRIES["c"])
+    return "\n\n".join(
+        [
+            "### Per term",
+            term_table(),
+            "### Per effect",
+            f"Programs are {programs}; `{NETWORK}` is for the networks `nn` and `r_nn` and holds all of them.",
+            effect_table(),
+        ]
+    )
+
+
+if __name__ == "__main__":
+    print(tables())
