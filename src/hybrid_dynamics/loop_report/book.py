@@ -10,24 +10,23 @@ import json
 from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-if TYPE_CHECKING:
-    from bokeh.model import Model
+from hybrid_dynamics.loop_report.bokeh_json import Drawing
+from hybrid_dynamics.loop_report.plots import template
 
 
 @dataclass
 class FigureBook:
-    """Figures of one page, in order. ``data`` holds each as Bokeh's own JSON."""
+    """Figures of one page, in order."""
 
-    data: list[dict[str, Any]] = field(default_factory=list)
+    drawings: list[Drawing] = field(default_factory=list)
 
-    def add(self, figure: Model, alt: str, height: int) -> Markup:
-        """The place of ``figure`` in the page: what it shows in words, until (or where no) script draws it."""
-        self.data.append(_plain(figure))
-        number = len(self.data)
+    def add(self, drawing: Drawing, alt: str, height: int) -> Markup:
+        """The place of ``drawing`` in the page: what it shows in words, until (or where no) script draws it."""
+        self.drawings.append(drawing)
+        number = len(self.drawings)
         return Markup(
             f'<div class="plot" id="plot-{number}" style="min-height:{height}px" role="img" '
             f'aria-label="{escape(alt, quote=True)}"></div>'
@@ -35,41 +34,20 @@ class FigureBook:
 
     def script(self) -> Markup:
         """The library, the figures and what draws them; nothing where there is no figure."""
-        if not self.data:
+        if not self.drawings:
             return Markup("")
         from bokeh.resources import INLINE
 
         # "</script" would end the script element.
         library = str(INLINE.js_raw[0]).replace("</script", "<\\/script")
-        data = json.dumps(self.data, separators=(",", ":")).replace("</", "<\\/")
+        kinds = list(dict.fromkeys(drawing.kind for drawing in self.drawings))
+        value = {
+            "templates": {kind: template(kind) for kind in kinds},
+            "figures": [drawing.to_json() for drawing in self.drawings],
+        }
+        data = json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
         own = files("hybrid_dynamics.loop_report").joinpath("plots.js").read_text("utf-8")
         return Markup(
             f"<script>{library}</script>\n"
             f'<script type="application/json" id="plots">{data}</script>\n<script>\n{own}</script>\n'
         )
-
-
-def _plain(figure: Model) -> dict[str, Any]:
-    """Bokeh's JSON of ``figure`` with its ids counted from one, so that the same figure gives the same bytes."""
-    from bokeh.document import Document
-
-    document = Document()
-    document.add_root(figure)
-    value: dict[str, Any] = document.to_json(deferred=False)
-    document.remove_root(figure)
-    names: dict[str, str] = {}
-    value = _renamed(value, names)
-    return {"doc": value, "root_id": value["roots"][0]["id"], "version": value["version"]}
-
-
-def _renamed(value: Any, names: dict[str, str]) -> Any:
-    if isinstance(value, dict):
-        return {
-            key: names.setdefault(item, f"m{len(names) + 1}")
-            if key == "id" and isinstance(item, str)
-            else _renamed(item, names)
-            for key, item in value.items()
-        }
-    if isinstance(value, list | tuple):
-        return [_renamed(item, names) for item in value]
-    return value

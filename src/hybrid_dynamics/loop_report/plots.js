@@ -1,7 +1,7 @@
 // Draws each figure when it comes near the window, in the colours of the page (light, dark, print).
 (function () {
   "use strict";
-  const figures = JSON.parse(document.getElementById("plots").textContent);
+  const { templates, figures } = JSON.parse(document.getElementById("plots").textContent);
   const drawn = new Set();
 
   function colours() {
@@ -43,11 +43,21 @@
     for (const doc of Bokeh.documents) for (const model of doc._all_models.values()) paint(model, c);
   }
 
+  // The template of a figure with its blanks filled: "@@name" alone in a list is a column, elsewhere a text.
+  function filled({ kind, values }) {
+    const blank = (item) => typeof item === "string" && item.startsWith("@@");
+    return JSON.parse(JSON.stringify(templates[kind]), (key, item) => {
+      if (blank(item)) return key === "0" && typeof values[item.slice(2)] === "object" ? item : values[item.slice(2)];
+      if (Array.isArray(item) && item.length === 1 && blank(item[0])) return values[item[0].slice(2)];
+      return item;
+    });
+  }
+
   async function draw(place) {
     if (drawn.has(place.id)) return;
     drawn.add(place.id);
     const figure = figures[Number(place.id.slice(5)) - 1];
-    await Bokeh.embed.embed_item({ ...figure, target_id: place.id });
+    await Bokeh.embed.embed_item({ ...filled(figure), target_id: place.id });
     repaint();
     place.dataset.drawn = "yes";
   }

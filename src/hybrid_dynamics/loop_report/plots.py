@@ -1,19 +1,20 @@
 """The page's interactive figures, from its content: torque with its residual, laws over what explains them.
 
-Colours are Okabe and Ito's, told apart by colour-blind readers; marks differ in shape or dash too.
+Each kind of figure is made once, with blanks; a drawing fills them, so that a page with a hundred figures holds their
+numbers and not a hundred descriptions. Colours are Okabe and Ito's, told apart by colour-blind readers; marks differ in
+shape or dash too.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_dynamics.loop_report.bokeh_json import Drawing, blank, plain
 from hybrid_dynamics.loop_report.content import AXES, Curve, Trace
-
-if TYPE_CHECKING:
-    from bokeh.model import Model
 
 Array = NDArray[np.float64]
 
@@ -97,26 +98,37 @@ def law_of(curve: Curve, bins: int = BINS) -> tuple[Array, Array, Array, Array]:
     )
 
 
-def curve_figure(curve: Curve, runs: tuple[str, ...], title: str) -> Model:
+def curve_figure(curve: Curve, runs: tuple[str, ...], title: str) -> Drawing:
     """What is missing without the group (points, one colour and shape a run), its law (line), and the noise (band)."""
-    from bokeh.models import ColumnDataSource
-
-    made = _figure(title, AXES[curve.axis], "torque [N m]", CURVE_HEIGHT)
     x, mean, low, high = law_of(curve)
     noise = BAND_FLOORS * curve.noise
-    band = ColumnDataSource({"x": _small(x), "low": _small(low - noise), "high": _small(high + noise)})
-    made.varea("x", "low", "high", source=band, fill_color=BAND, fill_alpha=0.3, legend_label="law ± noise")
+    values: dict[str, Any] = {
+        "title": title,
+        "axis": AXES[curve.axis],
+        "law_x": x,
+        "law": mean,
+        "low": low - noise,
+        "high": high + noise,
+    }
     owner = np.array(curve.run)
-    points = []
-    for k in np.unique(owner):
+    for k in range(len(runs)):
         mine = owner == k
-        source = ColumnDataSource(
-            {
-                "x": _small(np.array(curve.x)[mine]),
-                "missing": _small(np.array(curve.missing)[mine]),
-                "added": _small(np.array(curve.added)[mine]),
-            }
-        )
+        own = {"x": curve.x, "missing": curve.missing, "added": curve.added}
+        values |= {f"{name}{k}": np.array(part)[mine] for name, part in own.items()}
+        values |= {f"run{k}": runs[k], f"label{k}": f"run {runs[k]}"}
+    return Drawing(f"curve{len(runs)}", values)
+
+
+@cache
+def _curve_template(runs: int) -> dict[str, Any]:
+    from bokeh.models import ColumnDataSource
+
+    made = _figure(blank("title"), blank("axis"), "torque [N m]", CURVE_HEIGHT)
+    band = ColumnDataSource({"x": [blank("law_x")], "low": [blank("low")], "high": [blank("high")]})
+    made.varea("x", "low", "high", source=band, fill_color=BAND, fill_alpha=0.3, legend_label="law ± noise")
+    points = []
+    for k in range(runs):
+        source = ColumnDataSource({name: [blank(f"{name}{k}")] for name in ("x", "missing", "added")})
         points.append(
             made.scatter(
                 "x",
@@ -127,65 +139,63 @@ def curve_figure(curve: Curve, runs: tuple[str, ...], title: str) -> Model:
                 color=RUN_COLOURS[k % len(RUN_COLOURS)],
                 alpha=0.55,
                 line_alpha=0.0,
-                legend_label=f"run {runs[k]}",
-                name=runs[k],
+                legend_label=blank(f"label{k}"),
+                name=blank(f"run{k}"),
             )
         )
-    made.line(_small(x), _small(mean), color=AFTER, line_width=2.5, legend_label="law that was added")
-    _hover(
-        made,
-        points,
-        [("run", "$name"), (AXES[curve.axis], "@x{0.000}"), ("missing [N m]", "@missing"), ("added [N m]", "@added")],
-    )
+    law = ColumnDataSource({"x": [blank("law_x")], "y": [blank("law")]})
+    made.line("x", "y", source=law, color=AFTER, line_width=2.5, legend_label="law that was added")
+    tips = [("run", "$name"), ("at", "@x{0.000}"), ("missing [N m]", "@missing"), ("added [N m]", "@added")]
+    _hover(made, points, tips)
     _legend(made)
-    return made
+    return plain(made)
 
 
-def torque_figure(trace: Trace, noise: float) -> Model:
+def torque_figure(trace: Trace, noise: float) -> Drawing:
     """Measured torque and both models above; below, on the same time axis, what is left, with the band of noise."""
-    from bokeh.layouts import column
-    from bokeh.models import Band, ColumnDataSource
-
     time, measured = np.array(trace.time), np.array(trace.measured)
-    left = measured - np.array(trace.after)
-    source = ColumnDataSource(
+    return Drawing(
+        "torque",
         {
-            "time": _small(time),
-            "measured": _small(measured),
-            "before": _small(np.array(trace.before)),
-            "after": _small(np.array(trace.after)),
-            "left": _small(left),
-        }
+            "title": f"{trace.joint}, run {trace.run}",
+            "time": time,
+            "measured": measured,
+            "before": np.array(trace.before),
+            "after": np.array(trace.after),
+            "left": measured - np.array(trace.after),
+            "ends": time[[0, -1]],
+            "low": np.full(2, -BAND_FLOORS * noise),
+            "high": np.full(2, BAND_FLOORS * noise),
+        },
     )
-    upper = _figure(f"{trace.joint}, run {trace.run}", "", "torque [N m]", TORQUE_HEIGHT)
-    upper.line(
-        "time", "before", source=source, color=BEFORE, line_dash=[5, 3], line_width=1.2, legend_label="model before"
-    )
+
+
+@cache
+def _torque_template() -> dict[str, Any]:
+    from bokeh.layouts import column
+    from bokeh.models import ColumnDataSource
+
+    names = ("time", "measured", "before", "after", "left")
+    source = ColumnDataSource({name: [blank(name)] for name in names})
+    upper = _figure(blank("title"), "", "torque [N m]", TORQUE_HEIGHT)
+    dashed = {"line_dash": [5, 3], "line_width": 1.2}
+    upper.line("time", "before", source=source, color=BEFORE, legend_label="model before", **dashed)
     upper.line("time", "after", source=source, color=AFTER, line_width=3.0, alpha=0.75, legend_label="model after")
     shown = upper.line("time", "measured", source=source, line_width=1.0, legend_label="measured")
     shown.glyph.tags = ["ink"]
-    _hover(
-        upper,
-        [shown],
-        [("time [s]", "@time{0.00}"), ("measured [N m]", "@measured"), ("before", "@before"), ("after", "@after")],
-    )
+    tips = [("time [s]", "@time{0.00}"), ("measured [N m]", "@measured"), ("before", "@before"), ("after", "@after")]
+    _hover(upper, [shown], tips)
     upper.xaxis.visible = False
     _legend(upper)
     strip = _figure("", "time [s]", "left [N m]", STRIP_HEIGHT, x_range=upper.x_range)
     strip.title.visible = False
     strip.toolbar_location = None
-    edges = ColumnDataSource(
-        {"x": _small(time[[0, -1]]), "low": np.full(2, -BAND_FLOORS * noise), "high": np.full(2, BAND_FLOORS * noise)}
-    )
-    strip.add_layout(
-        Band(base="x", lower="low", upper="high", source=edges, fill_color=BAND, fill_alpha=0.3, line_alpha=0.0)
-    )
+    edges = ColumnDataSource({"x": [blank("ends")], "low": [blank("low")], "high": [blank("high")]})
+    strip.varea("x", "low", "high", source=edges, fill_color=BAND, fill_alpha=0.3)
     strip.line("time", "left", source=source, color=AFTER, line_width=1.0)
-    reach = max(float(np.quantile(np.abs(left), 0.995)), 2.5 * BAND_FLOORS * noise / 2) * 1.15 or 1.0
-    strip.y_range.start, strip.y_range.end = -reach, reach
-    return column(upper, strip, sizing_mode="stretch_width")
+    return plain(column(upper, strip, sizing_mode="stretch_width"))
 
 
-def _small(values: Array) -> NDArray[np.float32]:
-    """Four bytes a number: finer than a screen, half the page."""
-    return np.ascontiguousarray(values, dtype=np.float32)
+def template(kind: str) -> dict[str, Any]:
+    """Bokeh's JSON of a drawing of ``kind`` with blanks for its values."""
+    return _torque_template() if kind == "torque" else _curve_template(int(kind.removeprefix("curve")))
