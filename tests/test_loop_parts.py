@@ -118,5 +118,5 @@ def test_model_json_holds_the_model(tmp_path, panda):
     (tmp_path / "model.json").write_text(text.replace('"effects"', '"effect"', 1))
     with pytest.raises(InputError, match=r"model\.json: top level: "):
         Model.load(tmp_path / "model.json", panda)
-    with pytest.raises(InputError, match="no such model file"):
+    with pytest.raises(InputError, match="no such file"):
         Model.load(tmp_path / "none.json", panda)

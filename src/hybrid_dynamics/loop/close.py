@@ -107,9 +107,10 @@ def _close(
 
     tell("tracing", 0.3)
     found = find(judge, slots, _counted(tell, 0.3, 0.8))
+    judge = found.judge
 
     tell("asking the test runs", 0.8)
-    full = found.model(judge, found.slots)
+    full = found.model(found.slots)
     said = confirm(judge, base, full, found, logs.test)
     runs = [*logs.train, *logs.test]
     left = [run.tau - predict_run(said.model, run) for run in runs]

@@ -81,9 +81,7 @@ def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequenc
     changes: dict[Slot, TestChange] = {}
     kept, refused, model = list(found.slots), [], full
     while kept:
-        asked = {
-            s: test_change(judge, tests, model, found.model(judge, [o for o in kept if o != s], False)) for s in kept
-        }
+        asked = {s: test_change(judge, tests, model, found.model([o for o in kept if o != s], False)) for s in kept}
         for s, change in asked.items():
             changes.setdefault(s, change)
         against = [s for s in kept if asked[s].contradicts] or _worse_joints(judge, base, model, kept, asked, tests)
@@ -93,7 +91,7 @@ def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequenc
         changes[worst] = asked[worst]
         kept.remove(worst)
         refused.append(worst)
-        model = found.model(judge, kept)
+        model = found.model(kept)
     inactive = [e for s, e in zip(found.slots, full.effects[len(base.effects) :], strict=True) if s in refused]
     return Confirmation(changes, tuple(refused), model.with_inactive(inactive))
 

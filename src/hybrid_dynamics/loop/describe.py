@@ -38,7 +38,7 @@ def describe_result(
     alternatives = indistinguishable(judge, found.slots, slots)
     disagreeing = inconsistent(judge, found.slots, found.x, found.torn)
     open_parameters = {s: undetermined(evidence, found.slots, s) for s in found.slots}
-    stages = [base, *(found.model(judge, found.slots[: k + 1], False) for k in range(len(found.slots)))]
+    stages = [base, *(found.model(found.slots[: k + 1], False) for k in range(len(found.slots)))]
     stages[-1] = full
     rms = [moving_rms(m, logs.test) for m in stages]
     outside = extrapolation(robot.joint_names, logs.train, logs.test)

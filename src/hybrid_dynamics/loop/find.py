@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Slot
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
+from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.prune import choose, from_everything, keep_sure
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.search import Step, choose_signs, search
@@ -20,60 +22,92 @@ Array = NDArray[np.float64]
 
 #: A joint whose held-out mean square exceeds that of the floor by this share has something left to find.
 LEFT = 0.25
+#: Floors that turn out lower by this factor ask for another look, so often at most.
+MUCH, MOST_WEIGHINGS = 1.3, 2
 
 
 @dataclass(frozen=True)
 class Found:
-    """``slots`` and their coordinates ``x``; ``torn``: those whose parameters differ between runs; ``steps``."""
+    """``slots`` and their coordinates ``x``; ``torn``: those whose parameters differ between runs; ``steps``; ``judge``
+    as it weighed the joints in the end."""
 
     slots: list[Slot]
     x: Array
     torn: list[Slot]
     steps: list[Step]
     notes: list[str]
+    judge: Judge
 
-    def effects(self, judge: Judge, covariance: bool = True) -> list[Effect]:
+    def effects(self, covariance: bool = True) -> list[Effect]:
         """With published parameters and standard errors."""
-        evidence = judge.evidence
+        evidence = self.judge.evidence
         return effects_of(evidence, self.slots, self.x, evidence.covariance(self.slots, self.x) if covariance else None)
 
-    def model(self, judge: Judge, slots: Sequence[Slot], covariance: bool = True) -> Model:
+    def model(self, slots: Sequence[Slot], covariance: bool = True) -> Model:
         """The completed model with ``slots`` of these alone: re-fitted, but where runs disagree."""
         if not slots:
-            return judge.evidence.base
+            return self.judge.evidence.base
         if not self.torn:
-            return model_of(judge.evidence, slots, covariance)
-        kept = [e for s, e in zip(self.slots, self.effects(judge, covariance), strict=True) if s in slots]
-        return judge.evidence.base.adding(kept)
+            return model_of(self.judge.evidence, slots, covariance)
+        kept = [e for s, e in zip(self.slots, self.effects(covariance), strict=True) if s in slots]
+        return self.judge.evidence.base.adding(kept)
 
 
 def find(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None]) -> Found:
-    """Search from everything and from nothing, keep the better end, then only what is surely there."""
+    """Search from everything and from nothing, keep the better end, then only what is surely there.
+
+    Where the model found leaves much less than the joints were weighed by at first (a large effect had drowned the
+    rest), they are weighed anew and the search goes on from there.
+    """
     evidence = judge.evidence
-    looked = len({(s.effect, s.joint) for s in candidates})
-    notes: list[str] = []
-    everything = from_everything(judge, candidates, report)
-    if everything:
-        everything += search(judge, candidates, report, everything[-1].slots)
-    nothing = search(judge, candidates, report)
-    ends = [nothing[-1].slots] + ([everything[-1].slots] if everything else [])
-    chosen = choose(judge, ends)
-    steps = nothing if list(nothing[-1].slots) == chosen else everything
+    looked = len({s.place for s in candidates})
+    chosen, steps = _both_ends(judge, candidates, report)
+    for _ in range(MOST_WEIGHINGS):
+        lower = _lower_floor(judge, chosen)
+        if lower is None:
+            break
+        judge = replace(judge, floor=lower)
+        evidence.weigh(np.where(lower > 0, 1.0 / np.where(lower > 0, lower, 1.0) ** 2, 0.0))
+        further = search(judge, candidates, report, chosen)
+        steps += further
+        chosen = list(further[-1].slots)
     held = judge.mean_square(evidence.held(chosen, physical=True))
-    torn: list[Slot] = []
     if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
         further = split_by_run(judge, chosen, candidates, report)
         if further:
-            steps = [*steps, *further]
-            notes.append("the runs disagree: a whole-robot effect has its own parameters in every training run")
-            parts = list(steps[-1].slots)
+            notes = ["the runs disagree: a whole-robot effect has its own parameters in every training run"]
+            parts = list(further[-1].slots)
             chosen, x = pool(judge, parts)
-            return Found(chosen, x, whole_of(parts), steps, notes)
+            return Found(chosen, x, whole_of(parts), [*steps, *further], notes, judge)
         evidence.fold_by_run()
     refit(evidence, chosen)
     chosen, _, weak = keep_sure(judge, _drop_guesses(judge, chosen), looked, report)
     chosen = choose_signs(judge, chosen)
-    return Found(chosen, refit(evidence, chosen), torn, [*steps, *weak], notes)
+    return Found(chosen, refit(evidence, chosen), [], [*steps, *weak], [], judge)
+
+
+def _both_ends(
+    judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None]
+) -> tuple[list[Slot], list[Step]]:
+    everything = from_everything(judge, candidates, report)
+    if everything:
+        everything += search(judge, candidates, report, everything[-1].slots)
+    nothing = search(judge, candidates, report)
+    chosen = choose(judge, [nothing[-1].slots, *([everything[-1].slots] if everything else [])])
+    return chosen, nothing if list(nothing[-1].slots) == chosen else everything
+
+
+def _lower_floor(judge: Judge, chosen: Sequence[Slot]) -> Array | None:
+    """Floors (n,) after ``chosen`` has been added, where one of them is much lower than before; else None."""
+    evidence = judge.evidence
+    x = refit(evidence, chosen)
+    held = np.sqrt(judge.mean_square(evidence.held(chosen, physical=True)))
+    low = difference_floor(evidence.runs, evidence.residuals(chosen, x), evidence.mask)
+    rich = np.minimum(noise_floor(evidence, chosen, x), held)
+    lower = np.minimum(judge.floor, np.maximum(rich, low))
+    seen = judge.floor > 0
+    lower = np.where(seen, np.maximum(lower, judge.settings.resolution * np.sqrt(judge.torque_variance)), 0.0)
+    return lower if np.any(seen & (lower < judge.floor / MUCH)) else None
 
 
 def _drop_guesses(judge: Judge, chosen: list[Slot]) -> list[Slot]:

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 _BASIS = pseudo_inertia_basis()
 #: Smallest eigenvalue (kg, kg m^2) of a fitted pseudo-inertia: inside, beyond the solver's tolerance.
 _MARGIN = 1e-8
+#: The farthest constraint lies at most 1 / this from the origin in the solver's units; tried in turn.
+FARTHEST = (0.02, 0.2, 2.0)
 
 
 def _cone_rows() -> tuple[Array, Array]:
@@ -97,15 +99,25 @@ def solve(a: Array, b: Array, constraints: Constraints) -> Array:
     x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
     if not constraints.coupled or constraints.satisfied(np.maximum(x, constraints.lower)):
         return x
-    return _solve_cones(a, b, constraints)
+    for farthest in FARTHEST:
+        solution = _solve_cones(a, b, constraints, farthest)
+        if solution is not None:
+            return solution
+    raise RuntimeError(f"the physically consistent fit of {len(b)} coordinates did not converge")
 
 
-def _solve_cones(a: Array, b: Array, constraints: Constraints) -> Array:
-    """Minimise over y, x = scale * y: unit diagonal, linear term of size one; h - G y must lie in the cones."""
+def _solve_cones(a: Array, b: Array, constraints: Constraints, farthest: float) -> Array | None:
+    """Minimise over y, x = scale * y: unit diagonal, linear term of size one; h - G y must lie in the cones.
+
+    Constraints far beyond what the data asks for would spoil the solver's start: the farthest lies at most at
+    1 / ``farthest``. None where the solver does not converge.
+    """
     unit = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
-    size = max(float(np.abs(b * unit).max()), 1e-300)
-    scale = unit * size
     bounded = np.flatnonzero(np.isfinite(constraints.lower))
+    far = [np.abs(constraints.lower[bounded] / unit[bounded])]
+    far += [np.abs(offset / unit[start : start + 10]) for start, offset in constraints.bodies]
+    size = max(float(np.abs(b * unit).max()), farthest * max(float(f.max(initial=0.0)) for f in far), 1e-300)
+    scale = unit * size
     bounds = np.zeros((len(bounded), len(b)))
     bounds[np.arange(len(bounded)), bounded] = 1.0
     count = len(bounded) + len(constraints.least)
@@ -140,5 +152,5 @@ def _solve_cones(a: Array, b: Array, constraints: Constraints) -> Array:
     )
     solution = solver.solve()
     if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
-        raise RuntimeError(f"the physically consistent fit of {len(b)} coordinates ended as {solution.status}")
+        return None
     return np.asarray(np.maximum(scale * np.array(solution.x), constraints.lower))

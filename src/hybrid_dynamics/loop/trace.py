@@ -118,9 +118,13 @@ class Judge:
         share = self.settings.significance / max(candidates, 1)
         return float(student.ppf(1.0 - share, max(blocks - 1, 1)))
 
-    def price(self, *slots: Slot) -> int:
-        """Price of effects where two explanations are as good: their free numbers; the whole arm's as a few bodies'."""
-        return sum(min(s.size, WHOLE_BODY_PRICE) for s in slots)
+    def price(self, *slots: Slot) -> float:
+        """Price of effects where two explanations are as good: their published numbers, fewer causes first.
+
+        The whole arm's inertial parameters are one cause that costs as much as a few bodies.
+        """
+        numbers = [len(s.family().published(s.options)) for s in slots]
+        return sum(min(count, WHOLE_BODY_PRICE) for count in numbers) + 0.1 * len(slots)
 
     def _bar(self, share: float) -> Array:
         """Mean square (n,) [N m]^2 below which a change is of no practical size."""
