@@ -1,16 +1,123 @@
-"""Compose ``conf/`` into ``params.yaml``, exactly as ``dvc exp run`` does (arguments are Hydra overrides)."""
+"""Compose ``conf/`` into ``params.yaml``, exactly as ``dvc exp run`` does (arguments are Hydra overrides).
+
+A setting that the library has and its file in ``conf/`` lacks is first written there with its default: every number
+that shapes the study can be seen and overridden (`dvc exp run -S`). What stands there is never changed.
+"""
 
 import sys
+from collections.abc import Mapping, MutableMapping
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from dvc.utils.hydra import compose_and_dump
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
+from hybrid_dynamics.differentiate.registry import METHODS as METHODS_OF_MOTION
+from hybrid_dynamics.differentiate.settings import ZOH, DifferentiateSettings
 from hybrid_dynamics.errors import ConfigError, run_main
 from hybrid_dynamics.files import atomic_path
+from hybrid_dynamics.identification.least_squares import LeastSquaresSettings
+from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.models.methods import METHODS
+from hybrid_dynamics.models.symbolic.settings import SymbolicSettings
+from hybrid_dynamics.readers.ur10e import Ur10eSettings
+from hybrid_dynamics.simulation.controller import ControllerSettings
+from hybrid_dynamics.simulation.references import ReferenceSettings
+from hybrid_dynamics.simulation.rollout import SimulationSettings
+from hybrid_dynamics.simulation.sensors import SensorSettings
+from hybrid_dynamics.study.blind import BlindSettings
+from hybrid_dynamics.study.evaluation import EvaluationSettings
 
 ROOT = Path(__file__).resolve().parents[1]
+
+
+def plain(settings: Any) -> dict[str, Any]:
+    """A settings dataclass as YAML knows it: mappings, lists, numbers, text."""
+    return {name: _plain(value) for name, value in asdict(settings).items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def defaults() -> dict[str, dict[str, Any]]:
+    """File below ``conf/`` -> every setting that has its default there."""
+    simulation = {
+        "rollout": plain(SimulationSettings()),
+        "reference": plain(ReferenceSettings()),
+        "controller": plain(ControllerSettings()),
+    }
+    layers = {m.layer.section: m.layer for m in METHODS.values() if m.layer is not None}
+    files = {"sr": "sr/operon.yaml", "sindy": "sindy/published.yaml", "sindy_scaled": "sindy_scaled/scaled.yaml"}
+    return {
+        "loop/default.yaml": plain(LoopSettings()),
+        "least_squares/default.yaml": plain(LeastSquaresSettings()),
+        "sr/pysr.yaml": plain(SymbolicSettings(engine="pysr")),
+        "evaluate/default.yaml": plain(EvaluationSettings()),
+        "blind/default.yaml": plain(BlindSettings()),
+        "simulation/default.yaml": simulation,
+        "twin/default.yaml": {**simulation, "sensors": plain(SensorSettings()), "follow": [], "follow_period": 1e-3},
+        "reader/ur10e.yaml": {"format": "ur10e", "ur10e": plain(Ur10eSettings())},
+        **{f"differentiate/{name}.yaml": plain(DifferentiateSettings(name)) for name in (ZOH, *METHODS_OF_MOTION)},
+    } | {
+        files.get(name, f"{name}/{'paper' if name == 'nn' else 'default'}.yaml"): plain(layer.settings())
+        for name, layer in layers.items()
+    }
+
+
+#: Settings that another group of ``conf/`` holds.
+ELSEWHERE = {"sr/operon.yaml": ("operators",), "sr/pysr.yaml": ("operators",)}
+
+
+def missing(present: Mapping[str, Any], wanted: Mapping[str, Any], path: str = "") -> list[str]:
+    """Dotted names of ``wanted`` that ``present`` lacks."""
+    out = []
+    for name, value in wanted.items():
+        if name not in present:
+            out.append(f"{path}{name}")
+        elif isinstance(value, Mapping) and isinstance(present[name], Mapping):
+            out += missing(present[name], value, f"{path}{name}.")
+    return out
+
+
+def complete(conf: Path) -> list[str]:
+    """Write into ``conf`` what its files lack; returns what was added."""
+    yaml, added = YAML(), []
+    yaml.width, yaml.preserve_quotes = 120, True
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    for name, wanted in defaults().items():
+        path = conf / name
+        document = (yaml.load(path.read_text("utf-8")) if path.is_file() else None) or CommentedMap()
+        wanted = {key: value for key, value in wanted.items() if key not in ELSEWHERE.get(name, ())}
+        lacking = missing(document, wanted)
+        if not lacking:
+            continue
+        _fill(document, wanted)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(path) as temporary:
+            yaml.dump(document, temporary)
+        added += [f"conf/{name}: {key}" for key in lacking]
+    return added
+
+
+def _fill(document: MutableMapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    for name, value in wanted.items():
+        if isinstance(value, Mapping):
+            _fill(document.setdefault(name, CommentedMap()), value)
+        elif name not in document:
+            document[name] = _flow(value) if isinstance(value, list) else value
+
+
+def _flow(values: list[Any]) -> CommentedSeq:
+    out = CommentedSeq(values)
+    out.fa.set_flow_style()
+    return out
 
 
 def compose(output: Path, overrides: list[str]) -> None:
@@ -23,6 +130,8 @@ def compose(output: Path, overrides: list[str]) -> None:
 
 
 def main() -> None:
+    for line in complete(ROOT / "conf"):
+        print(f"{line} added with its default")
     compose(ROOT / "params.yaml", sys.argv[1:])
     print("params.yaml composed from conf/")
 

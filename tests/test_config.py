@@ -1,11 +1,21 @@
 """Parameters: wrong types, unknown keys and values out of range are refused by name."""
 
+import shutil
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
+import yaml
+from stages.compose import ELSEWHERE, complete, compose, defaults, missing, plain
 
+from hybrid_dynamics.cli.settings import settings_from
 from hybrid_dynamics.errors import ConfigError, require
+from hybrid_dynamics.loop.process import ProcessSettings
+from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.study.config import load_params, section
+
+ROOT = Path(__file__).parents[1]
+CONF = ROOT / "conf"
 
 
 @dataclass(frozen=True)
@@ -49,3 +59,59 @@ def test_wrong_parameters_are_named(content, message):
 def test_missing_section_names_the_remedy():
     with pytest.raises(ConfigError, match=r"section 'nn' is missing.*make params"):
         section({}, "nn", Outer)
+
+
+@pytest.mark.parametrize("name", defaults())
+def test_every_setting_stands_in_conf(name):
+    """So that `dvc exp run -S` can override it: Hydra refuses to set what is not there."""
+    wanted = {key: value for key, value in defaults()[name].items() if key not in ELSEWHERE.get(name, ())}
+    lacking = missing(yaml.safe_load((CONF / name).read_text("utf-8")), wanted)
+    assert not lacking, f"conf/{name} lacks {lacking}; run make params"
+
+
+def test_the_study_closes_the_loop_as_the_command_line_does():
+    assert section(load_params(ROOT / "params.yaml"), "loop", LoopSettings) == LoopSettings()
+
+
+def test_what_is_missing_is_added_and_nothing_else_is_touched(tmp_path):
+    shutil.copytree(CONF, tmp_path / "conf")
+    file = tmp_path / "conf/loop/default.yaml"
+    text = file.read_text("utf-8")
+    file.write_text(text.replace("alike_share: 0.03 ", "#").replace("max_effects: 60", "max_effects: 7"), "utf-8")
+    assert complete(tmp_path / "conf") == ["conf/loop/default.yaml: alike_share"]
+    content = yaml.safe_load(file.read_text("utf-8"))
+    assert content["alike_share"] == LoopSettings().alike_share
+    assert content["max_effects"] == 7
+    assert "# s, shortest held-out block" in file.read_text("utf-8")
+    assert complete(tmp_path / "conf") == []
+
+
+def leaves(values, path=""):
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from leaves(value, f"{path}{name}.")
+        else:
+            yield f"{path}{name}", value
+
+
+@pytest.mark.parametrize(("name", "value"), list(leaves(plain(LoopSettings()))))
+def test_every_setting_of_the_loop_can_be_set_on_the_command_line(name, value):
+    assert settings_from([f"{name}={value}"]) == LoopSettings()
+
+
+def test_a_setting_on_the_command_line_counts():
+    assert settings_from(["process.cutoff=30", "alike_share=0.05"]) == LoopSettings(
+        alike_share=0.05, process=ProcessSettings(cutoff=30.0)
+    )
+
+
+@pytest.mark.parametrize(
+    "override", ["loop.process.cutoff=30.0", "blind.duration=5.0", "dataset.wam.twin.rollout.lockstep=3"]
+)
+def test_a_setting_can_be_overridden_in_an_experiment(tmp_path, override):
+    compose(tmp_path / "params.yaml", [override])
+    value = load_params(tmp_path / "params.yaml")
+    name, _, text = override.partition("=")
+    for key in name.split("."):
+        value = value[key]
+    assert value == float(text)
