@@ -81,6 +81,15 @@ def test_what_is_no_arm_on_a_fixed_base_is_refused_by_name(tmp_path, text, compl
     assert capfd.readouterr().err == ""
 
 
+def test_traces_that_xacro_left_are_no_xacro(tmp_path):
+    """Comments, names and geometry of generated files, as bundled robots have them (finger_edu, xarm7, tiago ...)."""
+    geometry = '<visual><geometry><xacro:add size="${x}"/></geometry></visual></link>'
+    text = urdf(*CHAIN).replace('<link name="base"/>', f'<!-- ${{y}} --><link name="base">{geometry}')
+    text = text.replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ', 1)
+    assert "xacro:add" in text
+    assert Robot.from_urdf(write(tmp_path, text)).n_joints == Robot.from_urdf(write(tmp_path, urdf(*CHAIN))).n_joints
+
+
 def test_the_parsers_own_lines_do_not_appear(tmp_path, capfd):
     # urdfdom complains of the unknown geometry on its own.
     odd = urdf(*CHAIN).replace(
