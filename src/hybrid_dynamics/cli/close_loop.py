@@ -8,7 +8,6 @@ from typing import Any
 
 from hybrid_dynamics.cli.console import Console
 from hybrid_dynamics.cli.options import LOG_HELP, add_command, add_log_form, add_robot, command_line, log_form
-from hybrid_dynamics.errors import InputError
 
 
 def add_parser(subparsers: Any) -> None:
@@ -52,39 +51,26 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The ``close-loop`` command: 0 whenever a verdict was reached."""
-    from hybrid_dynamics.cli.logs import read_logs
     from hybrid_dynamics.cli.settings import settings_from
-    from hybrid_dynamics.loop.close import close_loop
-    from hybrid_dynamics.loop.model import load_model
-    from hybrid_dynamics.loop.provenance import provenance_of
-    from hybrid_dynamics.loop_report.output import RESULT_FILES, is_result, write_result
-    from hybrid_dynamics.result_folder import check_result_folder, result_folder
-    from hybrid_dynamics.robots import Robot
+    from hybrid_dynamics.close_files import LoopFiles, close_files
 
     console = Console.of(args)
-    settings = settings_from(args.set)
-    inputs = [args.robot, *args.train, *args.test, *([args.model] if args.model else [])]
-    check_result_folder(args.out, RESULT_FILES, inputs, force=args.force, ours=is_result)
-    robot = Robot.from_urdf(args.robot, tuple(args.lock))
-    for log in args.test:
-        if log.exists() and any(other.exists() and log.samefile(other) for other in args.train):
-            raise InputError(f"{log}: is given to --train and to --test; held-out logs must not be learnt from")
-    start = load_model(args.model, robot) if args.model else None
-    notices: list[str] = []
-    form = log_form(args)
-    train = read_logs(args.train, robot, "train", notices, log=form)
-    test = read_logs(args.test, robot, "test", notices, log=form)
-    for notice in notices:
-        console.note(notice)
-    provenance = provenance_of(
-        robot, settings, command=command_line(args), urdf=args.robot, train=args.train, test=args.test, model=args.model
+    files = LoopFiles(
+        args.robot,
+        tuple(args.train),
+        args.out,
+        tuple(args.test),
+        args.model,
+        tuple(args.lock),
+        settings_from(args.set),
+        command_line(args),
+        args.force,
+        log_form(args),
     )
+    files.check()
     with console.progress() as tell:
-        result = close_loop(robot, train, test, settings, start, tell)
-        tell("writing the report", 1.0)
-        with result_folder(args.out, RESULT_FILES, force=args.force, ours=is_result) as folder:
-            write_result(folder, result, provenance)
-    _tell(console, result.diagnosis.to_json(), args.out)
+        diagnosis = close_files(files, tell, console.note)
+    _tell(console, diagnosis, args.out)
     return 0
 
 

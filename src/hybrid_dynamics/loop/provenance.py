@@ -5,6 +5,7 @@ the place: the same inputs give the same bytes.
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -47,7 +48,7 @@ def provenance_of(
     out: dict[str, Any] = {
         "version": _version(),
         "command": dict(command),
-        "settings": _plain(asdict(settings)),
+        "settings": plain(asdict(settings)),
         "robot": {"urdf": file_digest(urdf), "dynamics_sha256": digest_of(dynamics_of(robot))},
         "logs": logs,
     }
@@ -109,9 +110,12 @@ def _version() -> str:
         return "unknown"
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Settings as JSON values: tuples become lists, numbers that JSON does not have become text."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
     if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
+        return {k: plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     return value

@@ -1,0 +1,97 @@
+"""``hybrid-dynamics fleet``: close-loop for many robots, or for the days of one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from hybrid_dynamics.cli.console import Console
+from hybrid_dynamics.cli.options import add_command, add_log_form, log_form
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the ``fleet`` command to ``subparsers`` (of :meth:`argparse.ArgumentParser.add_subparsers`)."""
+    parser = add_command(
+        subparsers,
+        "fleet",
+        run,
+        short="close-loop for many robots or days; resumable; one table of what changed where",
+        long="Close the loop for every row of a manifest: CSV or Parquet with the columns name, robot, train and, "
+        "where wanted, test, model, lock, time (several logs: a list, or ';' between them; paths start at the manifest). "
+        "Each result goes to FOLDER/runs/NAME as a whole; what is done is not done again. runs.csv says what became of "
+        "each, changes.csv what changed where, trends.csv how parameters go over time. Exit code 2 where a row was "
+        "refused.",
+        example="hybrid-dynamics fleet --manifest runs.parquet --out fleet",
+    )
+    add_log_form(parser)
+    parser.add_argument("--manifest", required=True, type=Path, metavar="FILE", help="one row a loop")
+    parser.add_argument("--out", required=True, type=Path, metavar="FOLDER", help="folder for results and tables")
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes at once (default 1)")
+    parser.add_argument(
+        "--set", nargs="+", default=[], metavar="NAME=VALUE", help="settings, such as sign_widths=[0,0.05] or block=1"
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="put the results into --out also where it holds other files"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """The ``fleet`` command: 0 where every loop reached a verdict, 2 where one was refused."""
+    import pandas as pd
+
+    from hybrid_dynamics.cli.settings import settings_from
+    from hybrid_dynamics.errors import ConfigError, InputError
+    from hybrid_dynamics.fleet import LocalEngine, read_manifest, run_fleet
+
+    console = Console.of(args)
+    if args.workers < 1:
+        raise ConfigError(f"--workers is {args.workers}; expected 1 or more")
+    settings = settings_from(args.set)
+    entries = read_manifest(args.manifest)
+    engine = LocalEngine(args.workers)
+    with console.progress() as tell:
+        result = run_fleet(
+            entries, args.out, settings, engine, tell, console.note, form=log_form(args), force=args.force
+        )
+    runs, trends = (pd.read_csv(args.out / f"{name}.csv") for name in ("runs", "trends"))
+    verdicts = runs["verdict"].dropna().value_counts()
+    console.say(f"{len(entries)} runs: " + ", ".join(f"{n} {v.replace('_', ' ')}" for v, n in verdicts.items()))
+    moving = trends[trends["trend"].isin(["rising", "falling"])]
+    for row in moving.itertuples():
+        where = f" on {row.joint}" if isinstance(row.joint, str) and row.joint else ""
+        console.say(
+            f"  {row.trend}: {row.parameter} of {row.effect}{where}: {row.first:.4g} → {row.last:.4g} {row.unit} over "
+            f"{row.runs} runs"
+        )
+    console.say(f"tables: {', '.join(str(path) for path in result.tables)}")
+    refused = [outcome for outcome in result.outcomes if outcome.state == "refused"]
+    console.result(
+        {
+            "status": "partial" if refused else "ok",
+            "command": "fleet",
+            "runs": len(entries),
+            "done": result.count("done"),
+            "kept": result.count("kept"),
+            "refused": {outcome.name: outcome.why for outcome in refused},
+            "verdicts": {str(v): int(n) for v, n in verdicts.items()},
+            "trends": json_rows(moving),
+            "files": {path.stem: str(path) for path in result.tables},
+        }
+    )
+    if refused:
+        more = f" and {len(refused) - 1} more" if len(refused) > 1 else ""
+        line = f"refused: {refused[0].name} ({refused[0].why}){more}; the other runs are done"
+        if args.json:
+            console.note(line)
+            return InputError.exit_code
+        raise InputError(line)
+    return 0
+
+
+def json_rows(table: Any) -> list[dict[str, Any]]:
+    """Rows of a data frame as JSON values."""
+    return [
+        {str(k): (None if v != v else v) for k, v in row.items()}  # NaN differs from itself
+        for row in table.astype(object).to_dict("records")
+    ]

@@ -1,0 +1,112 @@
+"""The loop on files: a URDF and logs in, a folder of results out. What ``close-loop`` does once, ``fleet`` does often."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop.close import close_loop
+from hybrid_dynamics.loop.model import load_model
+from hybrid_dynamics.loop.provenance import plain, provenance_of
+from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.loop_report.output import RESULT_FILES, is_result, write_result
+from hybrid_dynamics.readers.description import LogDescription
+from hybrid_dynamics.readers.log import read_pieces
+from hybrid_dynamics.result_folder import check_result_folder, result_folder
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+
+Tell = Callable[[str, float], None]
+Notify = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class LoopFiles:
+    """What one loop reads and where its results go.
+
+    ``form`` says how logs in another form are read; ``command`` is noted in the provenance of the result.
+    """
+
+    robot: Path
+    train: tuple[Path, ...]
+    out: Path
+    test: tuple[Path, ...] = ()
+    model: Path | None = None
+    lock: tuple[str, ...] = ()
+    settings: LoopSettings = field(default_factory=LoopSettings)
+    command: Mapping[str, Any] = field(default_factory=dict)
+    force: bool = False
+    form: LogDescription | None = None
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Every file that is read."""
+        return (self.robot, *self.train, *self.test, *([self.model] if self.model else []))
+
+    def check(self) -> None:
+        """Raise :class:`InputError` for what is wrong before anything is read."""
+        check_result_folder(self.out, RESULT_FILES, self.inputs, force=self.force, ours=is_result)
+        for log in self.test:
+            if log.exists() and any(other.exists() and log.samefile(other) for other in self.train):
+                raise InputError(f"{log}: is given to --train and to --test; held-out logs must not be learnt from")
+
+    def provenance(self, robot: Robot) -> dict[str, Any]:
+        """See :func:`provenance_of`; the same files and settings give the same."""
+        form = {} if self.form is None else {"log_form": plain(asdict(self.form))}
+        return provenance_of(
+            robot,
+            self.settings,
+            command={**self.command, **form},
+            urdf=self.robot,
+            train=self.train,
+            test=self.test,
+            model=self.model,
+        )
+
+
+def close_files(files: LoopFiles, tell: Tell | None = None, note: Notify | None = None) -> dict[str, Any]:
+    """Close the loop on ``files`` and write the results; returns the diagnosis.
+
+    ``tell`` hears of the stages, ``note`` what is odd about the logs. Raises :class:`InputError` where no verdict can
+    be given; nothing is written then.
+    """
+    files.check()
+    robot = Robot.from_urdf(files.robot, files.lock)
+    start = load_model(files.model, robot) if files.model else None
+    notices: list[str] = []
+    train = read_logs(files.train, robot, "train", notices, log=files.form)
+    test = read_logs(files.test, robot, "test", notices, log=files.form)
+    if note is not None:
+        for line in notices:
+            note(line)
+    provenance = files.provenance(robot)
+    result = close_loop(robot, train, test, files.settings, start, tell)
+    if tell is not None:
+        tell("writing the report", 1.0)
+    with result_folder(files.out, RESULT_FILES, force=files.force, ours=is_result) as folder:
+        write_result(folder, result, provenance)
+    return dict(result.diagnosis)
+
+
+def read_logs(
+    paths: Sequence[Path],
+    robot: Robot,
+    split: str,
+    notices: list[str],
+    torque: bool = True,
+    log: LogDescription | None = None,
+) -> list[Trajectory]:
+    """All logs, read as ``log`` says.
+
+    A log with long gaps gives several runs. Names are file names, made distinct where they repeat.
+    """
+    out: list[Trajectory] = []
+    stems = [p.stem for p in paths]
+    for path in paths:
+        name = path.stem if stems.count(path.stem) == 1 else str(path)
+        title = f"{split}:{name}"
+        out += read_pieces(path, robot.joint_names, title, split, notify=notices.append, torque=torque, log=log)
+    return out
