@@ -1,4 +1,4 @@
-"""The loop on files: a URDF and logs in, a folder of results out. What ``close-loop`` does once, ``fleet`` does often."""
+"""The loop on files: a URDF and logs in, a folder of results out. ``close-loop`` does it once, ``fleet`` often."""
 
 from __future__ import annotations
 
