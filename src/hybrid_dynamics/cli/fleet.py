@@ -20,7 +20,8 @@ def add_parser(subparsers: Any) -> None:
         long="Close the loop for every row of a manifest: CSV or Parquet with the columns name, robot, train and, "
         "where wanted, test, model, lock, time (several logs: a list, or ';' between them; paths start at the "
         "manifest). Each result goes to FOLDER/runs/NAME as a whole; what is done is not done again. "
-        "runs.csv says what became of each, changes.csv what changed where, trends.csv how parameters go over time. Exit code 2 where a row was "
+        "runs.csv says what became of each, changes.csv what changed where, trends.csv how parameters go "
+        "over time. Exit code 2 where a row was "
         "refused.",
         example="hybrid-dynamics fleet --manifest runs.parquet --out fleet",
     )
