@@ -16,6 +16,7 @@ from tests.two_links import write_recordings
 from hybrid_dynamics.cli import build_parser, main
 from hybrid_dynamics.cli.words import details, headline, joint_rows, parameter_lines
 from hybrid_dynamics.errors import run_main
+from hybrid_dynamics.loop.process import ProcessSettings
 
 CLOSE = ("close-loop", "--robot", "robot.urdf", "--train", "train_1.parquet", "train_2.parquet", "--test")
 CLOSE = (*CLOSE, "test_1.parquet", "--out", "out")
@@ -120,7 +121,7 @@ def test_the_result_says_where_it_comes_from(here):
     origin = diagnosis["provenance"]
     assert model["provenance"] == origin
     assert origin["command"]["train"] == ["train_1.parquet", "train_2.parquet"]
-    assert origin["settings"]["block"] == 2.0
+    assert origin["settings"]["process"]["cutoff"] == ProcessSettings().cutoff
     assert len({log["sha256"] for logs in origin["logs"].values() for log in logs}) == 3
     assert origin["robot"]["dynamics_sha256"] == model["robot_digest"]
     assert str(here) not in json.dumps(diagnosis), "a result must not depend on where it was made"

@@ -88,7 +88,7 @@ def close_files(files: LoopFiles, tell: Tell | None = None, note: Notify | None 
         tell("writing the report", 1.0)
     with result_folder(files.out, RESULT_FILES, force=files.force, ours=is_result) as folder:
         write_result(folder, result, provenance)
-    return dict(result.diagnosis)
+    return result.diagnosis.to_json()
 
 
 def read_logs(
