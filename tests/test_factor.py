@@ -1,6 +1,8 @@
 """One factor serves every SINDy method: the same models as fits to the data itself."""
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from hybrid_dynamics.errors import ConfigError, InputError
@@ -14,6 +16,8 @@ from hybrid_dynamics.models import (
     load_estimator,
     save_estimator,
 )
+from hybrid_dynamics.models.partitioned import row_groups
+from hybrid_dynamics.models.sindy import factorize_chunks
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +47,21 @@ def test_residual_holds_friction_alone_and_the_torque_does_not(data):
     assert [str(e.free_symbols) for e in residual.residual.expressions()] == ["{dq1}", "{dq2}"]
     whole = fit_factor("sindy", None, factor)
     assert len(whole.expressions()[0].free_symbols) == 4
+
+
+def test_files_in_parts_give_the_factor_of_the_whole(data, tmp_path):
+    X, y = data
+    names = [*feature_names(2), "tau1", "tau2"]
+    table = pa.table(dict(zip(names, np.column_stack([X, y]).T, strict=True)))
+    pq.write_table(table, tmp_path / "f.parquet", row_group_size=800)
+    whole, parts = (
+        factorize(X, y, SindySettings()),
+        factorize_chunks(row_groups([tmp_path / "f.parquet"]), 14, SindySettings()),
+    )
+    assert parts.rows == whole.rows
+    size = np.linalg.norm(whole.theta, axis=0)
+    difference = (parts.theta.T @ parts.theta - whole.theta.T @ whole.theta) / size / size[:, None]
+    np.testing.assert_allclose(difference, 0.0, atol=1e-12)
 
 
 def test_factor_survives_the_disk(data, tmp_path):

@@ -1,8 +1,8 @@
 """SINDy: a sparse polynomial of the features, found by PySINDy's STLSQ on a triangular factor in bounded memory.
 
-With Theta the library (N, p) and Y the torque (N, n), the QR factorisation [Theta Y] = Q R lets
-``|Theta w - y| = |R_theta w - R_y|`` for every w, so STLSQ (ridge steps and the unbiased last fit) sees the same
-problem in p + n rows. R is accumulated chunk by chunk; the library never stands in memory as a whole.
+With Theta the library (N, p) and Y the torque (N, n), a triangular R with ``R'R = [Theta Y]'[Theta Y]`` lets
+``|Theta w - y| = |R_theta w - R_y|`` for every w, so STLSQ (ridge steps and unbiased last fit) sees the same problem in
+p + n rows. R comes from moments summed chunk by chunk (:mod:`.moments`); the library never stands in memory.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.exceptions import ConvergenceWarning
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from hybrid_dynamics.engine import Engine, Local
 from hybrid_dynamics.errors import needs_extra, require
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models.base import Weights, check_data, check_features
 from hybrid_dynamics.models.factor import Factor
-from hybrid_dynamics.models.triangular import triangular_factor
+from hybrid_dynamics.models.moments import CACHED_ROWS, Chunk, InMemory, factors_of, moments, monomials
 from hybrid_dynamics.types import Array
 
 if TYPE_CHECKING:
@@ -30,10 +30,6 @@ if TYPE_CHECKING:
 
 #: Columns that vary less than this are not scaled.
 _SMALLEST_STD = 1e-9
-#: Rows whose 1,275 library columns stay in the cache: four times as fast as thousands at a time.
-_PREDICT_ROWS = 512
-#: Of the factorisation: a fixed number, so that the same samples give the same factor.
-_THREADS = 2
 
 
 @dataclass(frozen=True)
@@ -63,12 +59,27 @@ class SindySettings:
 def factorize(X: Array, y: Array, settings: SindySettings) -> Factor:
     """Reduce ``X`` (N, 7n) and ``y`` (N, n) [N m] to the factor that :meth:`SindyEstimator.fit_factor` takes."""
     X, y = check_data(X, y)
-    library = _library(settings.degree, X.shape[1])
-    powers = np.asarray(library.powers_)
-    with threadpool_limits(_THREADS, user_api="blas"):
-        R = triangular_factor(X, y, lambda part: np.asarray(library.transform(part)), len(powers), settings.chunk_rows)
+    powers = np.asarray(_library(settings.degree, X.shape[1]).powers_)
+    rows = settings.chunk_rows
+    chunks = [InMemory(X[k : k + rows], y[k : k + rows]) for k in range(0, len(X), rows)]
+    return _factor(chunks, powers, settings, Local())
+
+
+def factorize_chunks(
+    chunks: Sequence[Chunk], features: int, settings: SindySettings, engine: Engine | None = None
+) -> Factor:
+    """The factor of data that need not fit into memory: ``chunks`` of ``features`` columns, read where ``engine`` runs.
+
+    The same chunks give the same factor, to the last bit, on every engine and any number of workers.
+    """
+    powers = np.asarray(_library(settings.degree, features).powers_)
+    return _factor(chunks, powers, settings, engine or Local())
+
+
+def _factor(chunks: Sequence[Chunk], powers: NDArray[np.int64], settings: SindySettings, engine: Engine) -> Factor:
+    found = moments(chunks, powers, settings.chunk_rows, engine)
     width = len(powers)
-    return Factor(R[:, :width], R[:, width:], len(X), powers.astype(np.int64), np.var(y, axis=0))
+    return Factor(found.R[:, :width], found.R[:, width:], found.rows, powers.astype(np.int64), found.variance)
 
 
 def _library(degree: int, features: int) -> Any:
@@ -147,12 +158,7 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
 
     def _set_powers(self, powers: NDArray[np.int64]) -> None:
         self.powers_ = powers
-        degree = int(powers.sum(axis=1).max())
-        # Factors of each term as column numbers; the column after the last holds ones.
-        self._factors = np.full((len(powers), degree), powers.shape[1])
-        for term, exponents in enumerate(powers):
-            used = np.repeat(np.arange(len(exponents)), exponents)
-            self._factors[term, : len(used)] = used
+        self._factors = factors_of(powers)
 
     def _activate(self) -> None:
         self._active = np.flatnonzero(np.any(self.coef_ != 0, axis=0))
@@ -165,13 +171,9 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
             return out
         coefficients = np.ascontiguousarray(self.coef_[:, self._active].T)
         factors = self._factors[self._active]
-        for start in range(0, len(X), _PREDICT_ROWS):
-            chunk = slice(start, start + _PREDICT_ROWS)
-            extended = np.column_stack([X[chunk], np.ones(len(X[chunk]))])
-            terms = extended[:, factors[:, 0]]
-            for k in range(1, factors.shape[1]):
-                terms *= extended[:, factors[:, k]]
-            out[chunk] = terms @ coefficients
+        for start in range(0, len(X), CACHED_ROWS):
+            chunk = slice(start, start + CACHED_ROWS)
+            out[chunk] = monomials(X[chunk], factors) @ coefficients
         return out
 
     def term_names(self) -> list[str]:
