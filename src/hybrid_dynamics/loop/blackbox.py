@@ -14,13 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
-from sklearn.ensemble import HistGradientBoostingRegressor
 
 from hybrid_dynamics.loop.process import Run
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingRegressor
 
 Array = NDArray[np.float64]
 
@@ -101,6 +104,8 @@ def learnable(
 
 def _fit(x: Array, y: Array, fold: NDArray[np.int_], seed: int) -> HistGradientBoostingRegressor:
     """Trees with the number of iterations that the last of the training folds wants, re-fitted on all of them."""
+    from sklearn.ensemble import HistGradientBoostingRegressor  # a second to import
+
     thin = np.linspace(0, len(y) - 1, min(len(y), MOST_ROWS)).astype(int)
     x, y, fold = x[thin], y[thin], fold[thin]
     names = np.unique(fold)
