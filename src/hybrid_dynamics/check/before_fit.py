@@ -13,6 +13,7 @@ from hybrid_dynamics.check.content import check_rate
 from hybrid_dynamics.check.duplicates import check_duplicates
 from hybrid_dynamics.check.findings import Finding, ordered, refuse_hard
 from hybrid_dynamics.check.glitches import describe, repair
+from hybrid_dynamics.check.guess import SAME_MOUNTING, angle
 from hybrid_dynamics.check.limits import check_angles, check_limits
 from hybrid_dynamics.check.torque import check_torque, outvoted
 from hybrid_dynamics.check.velocity import check_velocity
@@ -77,16 +78,18 @@ def checked(
     findings += check_duplicates(first, second)
     findings += check_rate(first)
     findings += [f for f in check_rate(second) if f.code != "too_short"]
+    findings += check_limits(body, mended)
     gravity = _level(body)
     for part in (first, second):
         if not part:
             continue
-        findings += check_limits(body, part)
         velocity = check_velocity(body.joint_names, part)
         findings += velocity
         if any(f.code == "dq_zero" for f in velocity):
             part[:] = [_without_velocity(run) for run in part]
         of_torque, found_gravity = _torque(body, part)
+        if part is second and angle(found_gravity, gravity) < SAME_MOUNTING:
+            of_torque = [f for f in of_torque if f.code != "mounting"]
         findings += of_torque
         gravity = found_gravity if part is first else gravity
     findings = _once(findings)

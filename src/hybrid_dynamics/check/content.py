@@ -56,59 +56,71 @@ def check_content(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
             f"{run.time[int(np.argmax(steps))]:.4g} s: short ones are interpolated, the run is split at long ones"
         )
         out.append(Finding("gaps", "warning" if lost > 0.05 * len(run.time) else "note", text, run=run.name))
+    return [*out, *_converters(run, joint_names)]
+
+
+def _converters(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
+    """Joints at rest, coarse converters, samples that only repeat the last one, clipped torque: one finding a kind."""
+    still, coarse, held, clipped = [], [], [], []
     for j, joint in enumerate(joint_names):
-        out += _joint(run, j, joint)
-    return out
+        if np.ptp(run["q"][:, j]) < MOVING:
+            still.append(joint)
+            continue
+        for signal in (s for s in ("q", "tau") if s in run):
+            kind, clause = _steps(run, signal, j)
+            coarse += [clause] if kind == "coarse" else []
+            held += [clause] if kind == "held" else []
+        if "tau" in run and (clause := _clipped(run["tau"][:, j])):
+            clipped.append(f"tau{j + 1} {clause}")
+    told = (
+        ("still", "note", still, "stand still; nothing can be found out about their own friction"),
+        ("coarse", "note", coarse, "come from a coarse converter"),
+        (
+            "held",
+            "warning",
+            held,
+            "repeat their last value, also in motion: the log is faster than what it records; log at the source's rate",
+        ),
+        (
+            "saturation",
+            "warning",
+            clipped,
+            "are clipped there; leave those stretches out or record with less torque",
+        ),
+    )
+    return [Finding(c, s, f"{', '.join(found)} {what}", run=run.name) for c, s, found, what in told if found]  # type: ignore[arg-type]
 
 
-def _joint(run: Trajectory, j: int, joint: str) -> list[Finding]:
-    q = run["q"][:, j]
-    if np.ptp(q) < MOVING:
-        text = f"stands still (range {np.ptp(q):.2g}): nothing can be found out about its own friction"
-        return [Finding("still", "note", text, run=run.name, joint=joint)]
-    out = []
-    for signal in (s for s in ("q", "tau") if s in run):
-        out += _steps(run, signal, j, joint)
-    if "tau" in run:
-        tau = run["tau"][:, j]
-        for extreme in (tau.max(), tau.min()):
-            at = np.abs(tau - extreme) <= 1e-9 * max(abs(extreme), 1e-9)
-            longest = _longest(at)
-            if np.ptp(tau) > 0 and at.mean() > CLIPPED_SHARE and longest >= CLIPPED_ROW and abs(extreme) > 0:
-                text = (
-                    f"tau{j + 1} stays at its extreme value {extreme:.4g} N m for {longest} samples ({at.mean():.1%} "
-                    "in all): it is clipped there; leave those stretches out or record with less torque"
-                )
-                out.append(Finding("saturation", "warning", text, run=run.name, joint=joint))
-    return out
+def _clipped(tau: Array) -> str:
+    """Where ``tau`` (T,) piles up at its largest or smallest value; empty where it does not."""
+    span = float(np.ptp(tau))
+    for extreme in (tau.max(), tau.min()):
+        off = np.abs(tau - extreme)
+        at, near = off <= 1e-9 * max(abs(float(extreme)), 1e-9), off <= 0.03 * span
+        piled = at.mean() > CLIPPED_SHARE and 2 * at.sum() > near.sum()
+        if span > 0 and piled and _longest(at) >= CLIPPED_ROW:
+            return f"({at.mean():.1%} of the samples at {extreme:.4g} N m)"
+    return ""
 
 
-def _steps(run: Trajectory, signal: str, j: int, joint: str) -> list[Finding]:
-    """Coarse converters, and samples that only repeat the last one."""
+def _steps(run: Trajectory, signal: str, j: int) -> tuple[str, str]:
+    """What the steps of a signal tell: ``coarse`` or ``held`` with a clause, or nothing."""
     x = run[signal][:, j]
     changes = np.abs(np.diff(x))
-    held = float(np.mean(changes == 0))
     moved = changes[changes > 0]
     if len(moved) < 20:
-        return []
+        return "", ""
     step = float(np.percentile(moved, 2))
-    whole = np.abs(moved / step - np.round(moved / step)) < 0.02
-    unit = "N m" if signal == "tau" else "rad"
-    if whole.mean() > 0.98 and np.ptp(x) < 100 * step:
-        text = (
-            f"{signal}{j + 1} knows only {np.ptp(x) / step + 1:.0f} values, {step:.3g} {unit} apart: a coarse converter"
+    if float(np.mean(np.abs(moved / step - np.round(moved / step)) < 0.02)) > 0.9:
+        values = np.ptp(x) / step + 1
+        unit = "N m" if signal == "tau" else "rad"
+        return (
+            ("coarse", f"{signal}{j + 1} ({values:.0f} values, {step:.3g} {unit} apart)") if values < 100 else ("", "")
         )
-        return [Finding("coarse", "note", text, run=run.name, joint=joint)]
     speed = np.abs(np.diff(run["q"][:, j]))
     fast = speed > np.percentile(speed, 50)
-    again = float(np.mean(changes[fast] == 0)) if fast.any() else 0.0
-    if held > 0.3 and again > 0.3:
-        text = (
-            f"{signal}{j + 1} repeats its last value in {held:.0%} of the samples, also in motion: the log is faster "
-            "than what it records; log at the source's own rate"
-        )
-        return [Finding("held", "warning", text, run=run.name, joint=joint)]
-    return []
+    repeated, again = float(np.mean(changes == 0)), float(np.mean(changes[fast] == 0)) if fast.any() else 0.0
+    return ("held", f"{signal}{j + 1} ({repeated:.0%})") if min(repeated, again) > 0.3 else ("", "")
 
 
 def _longest(flags: NDArray[np.bool_]) -> int:

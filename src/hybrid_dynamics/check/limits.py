@@ -41,24 +41,26 @@ def check_angles(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
 
 
 def check_limits(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
-    """Where the log goes beyond the limits of the URDF; limits of zero count as not given."""
-    out = []
+    """Where the log goes beyond the limits of the URDF, one finding a kind; limits of zero count as not given."""
     low, high = robot.position_limits
     speed, effort = robot.velocity_limits, robot.effort_limits
+    angles, speeds, torques = [], [], []
     for j, name in enumerate(robot.joint_names):
         q = np.concatenate([run["q"][:, j] for run in runs])
         if high[j] > low[j] and (q.min() < low[j] - ANGLE_MARGIN or q.max() > high[j] + ANGLE_MARGIN):
-            text = (
-                f"moves from {q.min():.3g} to {q.max():.3g}, beyond the URDF's limits {low[j]:.3g} to {high[j]:.3g}: "
-                "is it this robot, and is its zero position the URDF's?"
-            )
-            out.append(Finding("beyond_limits", "warning", text, joint=name))
+            angles.append(f"{name} {q.min():.3g} to {q.max():.3g} (limits {low[j]:.3g} to {high[j]:.3g})")
         fastest = max(float(np.percentile(np.abs(np.gradient(run["q"][:, j], run.dt)), 99.5)) for run in runs)
         if 0 < speed[j] * SPEED_MARGIN < fastest:
-            text = f"moves at {fastest:.3g} rad/s, the URDF's limit is {speed[j]:.3g}: are the time stamps in seconds?"
-            out.append(Finding("beyond_speed", "warning", text, joint=name))
+            speeds.append(f"{name} {fastest:.3g} (limit {speed[j]:.3g})")
         largest = max((float(np.abs(run["tau"][:, j]).max()) for run in runs if "tau" in run), default=0.0)
         if 0 < effort[j] * EFFORT_MARGIN < largest:
-            text = f"torque of {largest:.3g} N m, the URDF's limit is {effort[j]:.3g}: is it N m at the joint?"
-            out.append(Finding("beyond_effort", "warning", text, joint=name))
-    return out
+            torques.append(f"{name} {largest:.3g} (limit {effort[j]:.3g})")
+    return [
+        Finding(code, "warning", f"{what} beyond the URDF's limits: {', '.join(found)}; {question}")
+        for code, what, found, question in (
+            ("beyond_limits", "positions [rad]", angles, "is it this robot, and is its zero position the URDF's?"),
+            ("beyond_speed", "speeds [rad/s]", speeds, "are the time stamps in seconds?"),
+            ("beyond_effort", "torques [N m]", torques, "are they N m at the joint?"),
+        )
+        if found
+    ]

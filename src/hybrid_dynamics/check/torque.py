@@ -229,7 +229,7 @@ def _mounting(robot: Robot, told: Guess, best: Guess) -> list[Finding]:
             "note",
             f"the base does not stand as the URDF says: gravity is found at {np.rad2deg(off):.0f} deg to it, along "
             f"({x:.2f}, {y:.2f}, {z:.2f}) m/s^2 in the frame of {robot.name}'s base (an arm on a wall or under a "
-            "ceiling); that direction is used",
+            "ceiling); close-loop names it gravity_tilt",
         )
     ]
 

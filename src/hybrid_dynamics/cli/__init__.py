@@ -19,7 +19,7 @@ from hybrid_dynamics.errors import HybridDynamicsError, one_line, run_main
 
 DESCRIPTION = "Say what a robot's model lacks and add it, on a URDF and log files."
 #: Modules of this package, one a command, in the order of the help.
-COMMANDS = ("close_loop", "predict", "export", "import_logs", "fleet", "completion")
+COMMANDS = ("close_loop", "predict", "check", "export", "import_logs", "fleet", "completion")
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -14,7 +14,7 @@ from hybrid_dynamics.readers.bags import BAG_SUFFIXES, read_bag
 from hybrid_dynamics.readers.delimited import STANDARD_INPUT
 from hybrid_dynamics.readers.described import converted, read_described
 from hybrid_dynamics.readers.description import LogDescription, load_description
-from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample
+from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample, uniform_step
 from hybrid_dynamics.readers.table import read_raw_table, write_log
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -76,7 +76,21 @@ def read_pieces(
 
     Without ``torque`` a log needs none, and none is read; ``log`` as in :func:`read_raw`.
     """
-    parts = resample(read_raw(path, joint_names, name, split, topic, settings, notify, torque, log), settings, notify)
+    run = read_raw(path, joint_names, name, split, topic, settings, notify, torque, log)
+    return pieces_of(path, run, joint_names, settings, notify)
+
+
+def pieces_of(
+    path: str | os.PathLike[str],
+    run: Trajectory,
+    joint_names: Sequence[str],
+    settings: ResampleSettings | None = None,
+    notify: Notify | None = None,
+) -> list[Trajectory]:
+    """``run``, as :func:`read_raw` gave it, on a uniform grid; ``path`` names it in errors."""
+    if uniform_step(run.time, settings or ResampleSettings()) is None:
+        run = _without_glitches(run, joint_names, notify)
+    parts = resample(run, settings, notify)
     if not parts:
         raise InputError(
             f"{path}: no stretch of {(settings or ResampleSettings()).min_rows} rows without a gap too long to "
@@ -115,6 +129,16 @@ def read_log(
             "too long to interpolate; split the file there"
         )
     return parts[0]
+
+
+def _without_glitches(run: Trajectory, joint_names: Sequence[str], notify: Notify | None) -> Trajectory:
+    """``run`` as it may be interpolated: a spline through a glitch would spread it over its neighbours."""
+    from hybrid_dynamics.check.glitches import describe, repair
+
+    clean, found = repair(run)
+    for finding in describe(run.name, found, joint_names, len(run.time)):
+        (notify or (lambda message: None))(finding.line)
+    return clean
 
 
 def _described_bag(

@@ -1,0 +1,125 @@
+"""``hybrid-dynamics check``: what is in the logs and whether they fit the robot, before anything is fitted."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hybrid_dynamics.cli.console import Console
+from hybrid_dynamics.cli.options import LOG_HELP, add_command, add_log_form, add_robot, log_form
+
+if TYPE_CHECKING:
+    from hybrid_dynamics.check import Finding
+    from hybrid_dynamics.readers.description import LogDescription
+    from hybrid_dynamics.robots import Robot
+
+SHOWN = {"hard": "WRONG", "warning": "doubtful", "note": "note"}
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the ``check`` command to ``subparsers`` (of :meth:`argparse.ArgumentParser.add_subparsers`)."""
+    parser = add_command(
+        subparsers,
+        "check",
+        run,
+        short="say what is in the logs and whether they fit the robot, before any fit",
+        long="Rates, gaps and glitches; limits; velocity against position; torque against motion (sign, unit, order of "
+        "the joints, mounting, delay); what the motion can show. One line a finding, worst first; exit code 2 where "
+        "close-loop would refuse the logs. " + LOG_HELP,
+        example="hybrid-dynamics check --robot robot.urdf --data a.csv b.csv",
+    )
+    add_robot(parser)
+    add_log_form(parser)
+    parser.add_argument("--data", required=True, nargs="+", type=Path, metavar="LOG", help="logs to look at")
+    parser.add_argument("--test", nargs="+", type=Path, default=[], metavar="LOG", help="logs that are to be held out")
+    parser.add_argument(
+        "--apply-suggestion",
+        type=Path,
+        metavar="FILE",
+        help="write a log.yaml that mends what has one clear cure, for --log; what it mends is told",
+    )
+    parser.add_argument("--force", action="store_true", help="replace the log.yaml where it exists")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The ``check`` command: 0 where the logs can be used, 2 where they cannot."""
+    from hybrid_dynamics.check.findings import merged
+    from hybrid_dynamics.check.suggestion import combined
+    from hybrid_dynamics.cli.suggestion import read_plain, write_description
+    from hybrid_dynamics.errors import InputError
+    from hybrid_dynamics.robots import Robot
+
+    console = Console.of(args)
+    robot = Robot.from_urdf(args.robot, tuple(args.lock))
+    if args.apply_suggestion is not None and args.apply_suggestion.exists() and not args.force:
+        raise InputError(f"{args.apply_suggestion}: exists; give another file for the suggestion, or --force")
+    findings = look(robot, args.data, args.test, log_form(args))
+    hard = _tell(console, findings)
+    result: dict[str, Any] = {
+        "status": "ok" if hard == 0 else "refused",
+        "command": "check",
+        "robot": robot.name,
+        "hard": hard,
+        "findings": [f.to_json() for f in findings],
+        "suggestion": merged(f.suggestion for f in findings if f.severity != "note"),
+    }
+    if args.apply_suggestion is not None:
+        description, told = combined(read_plain(args), findings, robot.joint_names)
+        if not told:
+            console.note("nothing here has one clear cure: no log.yaml is written")
+        else:
+            form = write_description(args.apply_suggestion, description)
+            for line in told:
+                console.say(f"{args.apply_suggestion}: {line}")
+            again = look(robot, args.data, args.test, form)
+            hard = sum(f.severity == "hard" for f in again)
+            for finding in again:
+                if finding.severity == "hard":
+                    console.note(f"still wrong with it: {finding.line}")
+            console.say(
+                f"with --log {args.apply_suggestion} " + ("nothing is wrong" if not hard else "logs are refused")
+            )
+            result |= {"written": str(args.apply_suggestion), "mended": told, "hard_with_it": hard}
+    console.result(result)
+    if hard:
+        print(f"error: {hard} finding{'s' * (hard > 1)} for which close-loop refuses these logs", file=sys.stderr)
+    return 2 if hard else 0
+
+
+def look(robot: Robot, data: list[Path], test: list[Path], form: LogDescription | None) -> list[Finding]:
+    """All findings on the logs, worst first."""
+    from hybrid_dynamics.check import checked
+    from hybrid_dynamics.check.content import check_content
+    from hybrid_dynamics.check.excitation import check_excitation
+    from hybrid_dynamics.check.findings import Finding, ordered
+    from hybrid_dynamics.readers.log import pieces_of, read_raw
+
+    found: list[Finding] = []
+    runs: dict[str, list[Any]] = {"train": [], "test": []}
+    paths = [*data, *test]
+    stems = [p.stem for p in paths]
+    for k, path in enumerate(paths):
+        split = "train" if k < len(data) else "test"
+        name = path.stem if stems.count(path.stem) == 1 else str(path)
+        notices: list[str] = []
+        raw = read_raw(path, robot.joint_names, name, split, notify=notices.append, log=form)
+        found += check_content(raw, robot.joint_names)
+        runs[split] += pieces_of(path, raw, robot.joint_names, notify=notices.append)
+        found += [Finding("reading", "note", text) for text in notices]
+    result = checked(robot, runs["train"], runs["test"], refuse=False)
+    found += result.findings
+    if not any(f.severity == "hard" for f in found):
+        found += check_excitation(robot, result.train)
+    return ordered(found)
+
+
+def _tell(console: Console, findings: list[Finding]) -> int:
+    """Print the table; returns the number of hard findings."""
+    hard = sum(f.severity == "hard" for f in findings)
+    doubtful = sum(f.severity == "warning" for f in findings)
+    for f in findings:
+        console.say(f"{SHOWN[f.severity]:8s}  {f.code:14s}  {f.line}")
+    console.say(f"{hard} wrong, {doubtful} doubtful, {len(findings) - hard - doubtful} notes")
+    return hard

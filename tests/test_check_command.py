@@ -1,0 +1,185 @@
+"""``hybrid-dynamics check``: one line a finding, the cure as a file, exit code 2 where close-loop would refuse."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.check import checked
+from hybrid_dynamics.check.content import check_content, check_rate
+from hybrid_dynamics.check.duplicates import check_duplicates
+from hybrid_dynamics.check.excitation import check_excitation
+from hybrid_dynamics.check.velocity import check_velocity
+from hybrid_dynamics.cli import main
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.readers import write_log
+from hybrid_dynamics.trajectory import Trajectory
+from small_arm import arm, runs, write_logs
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    return write_logs(tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture(scope="module")
+def run() -> Trajectory:
+    return runs(train=1, test=1)[0][0]
+
+
+def command(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return int(stop.value.code or 0)
+
+
+def with_velocity(run: Trajectory) -> Trajectory:
+    return run.with_signals(dq=np.gradient(run["q"], run.dt, axis=0))
+
+
+def codes(findings) -> list[tuple[str, str]]:
+    return [(f.severity, f.code) for f in findings]
+
+
+def test_logs_without_fault_are_told_as_they_are(logs, capsys):
+    files = [logs / f"{name}.parquet" for name in ("train_1", "train_2")]
+    assert command("check", "--robot", logs / "robot.urdf", "--data", *files, "--json") == 0
+    said = capsys.readouterr()
+    value = json.loads(said.out)
+    assert (value["status"], value["hard"], value["suggestion"]) == ("ok", 0, {})
+    found = {f["code"] for f in value["findings"]}
+    assert {"summary", "range", "condition"} <= found
+    assert not [f for f in value["findings"] if f["severity"] == "hard"]
+    assert "run train_1: 3200 samples, 8 s at 400 Hz, signals q, tau" in said.err
+
+
+def test_a_suggestion_mends_what_has_one_clear_cure_and_close_loop_takes_it(logs, tmp_path, capsys, run):
+    robot = arm()
+    degrees = np.rad2deg(np.gradient(run["q"], run.dt, axis=0))
+    spoilt = run.with_signals(tau=run["tau"] * 1000 * np.array([1, -1]), dq=degrees)
+    write_log(tmp_path / "a.parquet", spoilt, robot.joint_names)
+    fault = ("check", "--robot", logs / "robot.urdf", "--data", tmp_path / "a.parquet")
+    assert command(*fault) == 2
+    said = capsys.readouterr()
+    for words in ("WRONG     torque_sign     joint elbow", "dq is in deg/s", "it looks like N mm"):
+        assert words in said.out
+    assert said.err.startswith("error: 3 findings for which close-loop refuses these logs")
+    assert command(*fault, "--apply-suggestion", tmp_path / "log.yaml") == 0
+    said = capsys.readouterr()
+    assert "log.yaml: mends torque_sign: sign.tau" in said.out
+    assert "nothing is wrong" in said.out
+    assert command(*fault, "--log", tmp_path / "log.yaml") == 0
+    # Never in silence over a file that is there.
+    assert command(*fault, "--apply-suggestion", tmp_path / "log.yaml") == 2
+    assert "log.yaml: exists; give another file" in capsys.readouterr().err
+
+
+def test_suggestions_come_on_top_of_a_description(tmp_path, logs, run, capsys):
+    # The columns are called otherwise and exchanged; the description knows the names only.
+    robot = arm()
+    write_log(tmp_path / "a.parquet", run.with_signals(tau=run["tau"][:, ::-1]), robot.joint_names)
+    import pandas as pd
+
+    frame = pd.read_parquet(tmp_path / "a.parquet").rename(columns={f"tau{j}": f"torque_{j - 1}" for j in (1, 2)})
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    (tmp_path / "first.yaml").write_text("columns: {tau: 'torque_{i0}'}\n")
+    start = ("check", "--robot", logs / "robot.urdf", "--data", tmp_path / "a.csv", "--log", tmp_path / "first.yaml")
+    assert command(*start) == 2
+    assert "tau2 fits the motion of shoulder; tau1 fits the motion of elbow" in capsys.readouterr().out
+    assert command(*start, "--apply-suggestion", tmp_path / "second.yaml") == 0
+    assert "torque_1" in (tmp_path / "second.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "found", "words"),
+    [
+        (lambda d: np.rad2deg(d), ("hard", "dq_scale"), "dq is in deg/s"),
+        (lambda d: d * 60 / (2 * np.pi), ("hard", "dq_scale"), "dq is in rpm"),
+        (lambda d: d * [100, 50], ("hard", "dq_scale"), "divide a motor's speed by its gear ratio"),
+        (lambda d: -d, ("hard", "dq_sign"), "dq of every joint has the wrong sign"),
+        (lambda d: d * [1, -1], ("hard", "dq_sign"), "dq of elbow has the wrong sign"),
+        (lambda d: 0 * d, ("warning", "dq_zero"), "zero throughout while the joints move"),
+        (lambda d: d[:, ::-1], ("hard", "dq_order"), "dq2 is the derivative of q1; dq1 is the derivative of q2"),
+        (lambda d: np.roll(d, 20, axis=0), ("warning", "dq_lag"), "dq is 0.05 s behind"),
+        (lambda d: np.roll(d, -80, axis=0), ("hard", "dq_lag"), "dq is 0.2 s ahead"),
+        (lambda d: np.random.default_rng(0).normal(size=d.shape), ("hard", "dq_strange"), "not the derivative of q"),
+    ],
+)
+def test_a_velocity_that_is_not_the_derivative_is_measured_and_said(run, change, found, words):
+    moved = with_velocity(run)
+    assert check_velocity(("shoulder", "elbow"), [moved]) == []
+    findings = check_velocity(("shoulder", "elbow"), [moved.with_signals(dq=np.asarray(change(moved["dq"])))])
+    assert codes(findings) == [found]
+    assert words in findings[0].text
+
+
+def test_a_velocity_of_zero_is_left_out_and_told(run):
+    result = checked(arm(), [run.with_signals(dq=np.zeros_like(run["q"]))], [])
+    assert "dq" not in result.train[0]
+    assert [f.code for f in result.findings if f.severity == "warning" and f.code != "beyond_speed"] == ["dq_zero"]
+
+
+def test_a_copy_of_a_training_run_is_no_test_run_whatever_it_is_called(run):
+    other = runs(train=2, test=1)[1][0]
+    copy = Trajectory("copy", "test", run.time + 100.0, {s: np.round(x, 7) for s, x in run.signals.items()})
+    part = copy.rows(slice(500, 2500))
+    for same in (copy, part):
+        assert codes(check_duplicates([run], [same])) == [("hard", "duplicate")]
+        with pytest.raises(InputError, match="run copy: holds the same samples as run train_1"):
+            checked(arm(), [run], [same])
+    assert check_duplicates([run], [other]) == []
+    assert codes(check_duplicates([run, copy], [])) == [("warning", "duplicate")]
+
+
+def test_logs_too_slow_or_too_short_give_no_verdict(run):
+    slow = run.rows(slice(None, None, 80))  # 5 Hz
+    assert codes(check_rate([slow])) == [("hard", "too_slow")]
+    assert "5 Hz is too slow for dynamics" in check_rate([slow])[0].text
+    # 20 Hz would do for many motions, but not for one of 3 Hz.
+    time = np.arange(0, 60, 0.05)
+    q = np.sin(2 * np.pi * np.outer(time, [3.0, 3.3]))
+    assert codes(check_rate([Trajectory("fast", "train", time, {"q": q, "tau": q})])) == [("hard", "too_slow")]
+    short = run.rows(slice(0, 360))
+    assert codes(check_rate([short])) == [("hard", "too_short")]
+    assert check_rate([run.rows(slice(None, None, 4))]) == []
+
+
+def test_what_converters_do_to_a_log_is_seen(run):
+    names = ("shoulder", "elbow")
+    assert [f.code for f in check_content(run, names)] == ["summary"]
+    limit = 0.6 * np.abs(run["tau"]).max(axis=0)
+    clipped = run.with_signals(tau=np.clip(run["tau"], -limit, limit))
+    assert "saturation" in [f.code for f in check_content(clipped, names)]
+    coarse = run.with_signals(tau=np.round(run["tau"]))
+    assert "coarse" in [f.code for f in check_content(coarse, names)]
+    held = run.with_signals(tau=np.repeat(run["tau"][::4], 4, axis=0))
+    assert "held" in [f.code for f in check_content(held, names)]
+    resting = run.with_signals(q=np.column_stack([run["q"][:, 0], np.full(len(run.time), 0.1)]))
+    still = [f for f in check_content(resting, names) if f.code == "still"]
+    assert len(still) == 1
+    assert still[0].text.startswith("elbow stand")
+    gone = np.r_[0:1000, 1100:2000, 2003:3200]
+    gaps = [f for f in check_content(run.rows(gone), names) if f.code == "gaps"]
+    assert "2 gaps, about 103 samples lost" in gaps[0].text
+
+
+def test_a_motion_that_shows_little_is_told(run):
+    rich = {f.code: f for f in check_excitation(arm(), [run])}
+    assert rich["condition"].severity == "note"
+    # Both joints move as one and barely: their inertia cannot be told apart.
+    time = run.time
+    poor = 0.05 * np.sin(0.8 * time)[:, None] * np.ones((1, 2))
+    tau = arm().inverse_dynamics(poor, np.gradient(poor, run.dt, axis=0), 0 * poor)
+    found = check_excitation(arm(), [Trajectory("poor", "train", time, {"q": poor, "tau": tau})])
+    assert ("warning", "range") in codes(found)
+    assert ("warning", "condition") in codes(found)
+
+
+def test_a_fault_in_one_run_of_several_is_found_and_named(run):
+    train, test = runs(train=3, test=1)
+    turned = [train[0], train[1].with_signals(tau=-train[1]["tau"]), train[2]]
+    with pytest.raises(InputError, match=r"run train_2: the measured torque of every joint has the wrong sign"):
+        checked(arm(), turned, test)
+    with pytest.raises(InputError, match=r"wrong sign"):
+        checked(arm(), train, [test[0].with_signals(tau=-test[0]["tau"])])
+    assert {f.code for f in checked(arm(), train, test).findings} <= {"beyond_speed"}
