@@ -4,6 +4,5 @@ from __future__ import annotations
 
 from hybrid_dynamics.check.before_fit import Checked, check_before_fit, checked
 from hybrid_dynamics.check.findings import Finding, refuse_hard
-from hybrid_dynamics.check.glitches import repair
 
-__all__ = ["Checked", "Finding", "check_before_fit", "checked", "refuse_hard", "repair"]
+__all__ = ["Checked", "Finding", "check_before_fit", "checked", "refuse_hard"]

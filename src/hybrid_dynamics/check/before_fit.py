@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.check.content import check_rate
 from hybrid_dynamics.check.duplicates import check_duplicates
-from hybrid_dynamics.check.findings import Finding, ordered, refuse_hard
-from hybrid_dynamics.check.glitches import describe, repair
+from hybrid_dynamics.check.findings import Finding, Severity, ordered, refuse_hard
 from hybrid_dynamics.check.guess import SAME_MOUNTING, angle
 from hybrid_dynamics.check.limits import check_angles, check_limits
 from hybrid_dynamics.check.torque import check_torque, outvoted
 from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.readers.glitches import MANY, repair, told
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -66,7 +66,11 @@ def checked(
     mended: list[Trajectory] = []
     for run in [*train, *test]:
         clean, found = repair(run)
-        findings += describe(run.name, found, body.joint_names, len(run.time))
+        most = max((len(g.rows) for g in found), default=0) / max(len(run.time), 1)
+        severity: Severity = "warning" if most > MANY else "note"
+        findings += [
+            Finding("glitch", severity, line, run=run.name) for line in told(found, body.joint_names, len(run.time))
+        ]
         mended.append(clean)
     findings += _not_finite(mended)
     _stop(findings, refuse)

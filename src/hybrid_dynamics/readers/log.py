@@ -14,6 +14,7 @@ from hybrid_dynamics.readers.bags import BAG_SUFFIXES, read_bag
 from hybrid_dynamics.readers.delimited import STANDARD_INPUT
 from hybrid_dynamics.readers.described import converted, read_described
 from hybrid_dynamics.readers.description import LogDescription, load_description
+from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample, uniform_step
 from hybrid_dynamics.readers.table import read_raw_table, write_log
 from hybrid_dynamics.robots import Robot
@@ -133,11 +134,9 @@ def read_log(
 
 def _without_glitches(run: Trajectory, joint_names: Sequence[str], notify: Notify | None) -> Trajectory:
     """``run`` as it may be interpolated: a spline through a glitch would spread it over its neighbours."""
-    from hybrid_dynamics.check.glitches import describe, repair
-
     clean, found = repair(run)
-    for finding in describe(run.name, found, joint_names, len(run.time)):
-        (notify or (lambda message: None))(finding.line)
+    for line in told(found, joint_names, len(run.time)):
+        (notify or (lambda message: None))(f"{run.name}: {line}")
     return clean
 
 

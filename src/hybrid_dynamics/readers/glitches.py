@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import label, maximum_filter1d, median_filter, percentile_filter, uniform_filter1d
 
-from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -38,6 +37,8 @@ NEARBY = 25
 CROWD = 4.5
 #: A sample beyond this many times the largest other one is none, whatever its neighbours say.
 ABSURD = 30.0
+#: More than this share is a fault that somebody should look for.
+MANY = 0.002
 #: Where more than this share of a joint's samples departs, it is the way of the signal, not a fault of single samples.
 MOST = 0.03
 #: Rounds of finding and mending: glitches close together hide the smaller ones among them.
@@ -155,8 +156,8 @@ def repair(trajectory: Trajectory) -> tuple[Trajectory, list[Glitches]]:
     return (trajectory.with_signals(**mended), found) if mended else (trajectory, found)
 
 
-def describe(name: str, found: Sequence[Glitches], joint_names: Sequence[str], samples: int) -> list[Finding]:
-    """One finding a signal: how many samples of which joints, when, how large."""
+def told(found: Sequence[Glitches], joint_names: Sequence[str], samples: int) -> list[str]:
+    """One line a signal: how many samples of which joints, when, how large."""
     units = {"q": "rad", "dq": "rad/s", "tau": "N m"}
     out = []
     for signal in _SIGNALS:
@@ -170,13 +171,7 @@ def describe(name: str, found: Sequence[Glitches], joint_names: Sequence[str], s
         largest = f"{sizes.max():.3g} {units[signal]}" if np.isfinite(sizes).all() else "not finite"
         each = ", ".join(f"{joint_names[g.joint]} {len(g.rows)}" for g in own)
         out.append(
-            Finding(
-                "glitch",
-                "warning" if max(len(g.rows) for g in own) > 0.002 * samples else "note",
-                f"{count} samples of {signal} ({each}; of {samples} each) stand alone, at {when} s, the largest "
-                f"departs by {largest}: no motion or torque of a robot; left out (interpolated)",
-                run=name,
-                joint=joint_names[own[0].joint] if len(own) == 1 else "",
-            )
+            f"{count} samples of {signal} ({each}; of {samples} each) stand alone, at {when} s, the largest departs by "
+            f"{largest}: no motion or torque of a robot; left out (interpolated)"
         )
     return out

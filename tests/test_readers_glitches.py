@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hybrid_dynamics.check.glitches import describe, find_glitches, repair
+from hybrid_dynamics.readers.glitches import find_glitches, repair, told
 from hybrid_dynamics.trajectory import Trajectory
 
 TIMES = (0.0, 10.0)
@@ -53,9 +53,9 @@ def test_absurd_and_missing_values_are_left_out_with_their_number_times_and_size
         ("tau", 2): [3000, 3001],
     }
     assert np.abs(mended["tau"] - run["tau"]).max() < 1.0
-    told = describe("run", found, ("a", "b", "c"), len(tau))
-    assert [f.code for f in told] == ["glitch"]
-    assert "4 samples of tau (a 1, b 1, c 2; of 5000 each) stand alone, at 2, 4, 6, 6.002 s" in told[0].text
+    lines = told(found, ("a", "b", "c"), len(tau))
+    assert len(lines) == 1
+    assert "4 samples of tau (a 1, b 1, c 2; of 5000 each) stand alone, at 2, 4, 6, 6.002 s" in lines[0]
 
 
 def test_friction_reversals_contacts_and_noise_stay_as_they_are():
