@@ -43,7 +43,7 @@ def complete(urdf: Path, train: list[Path], test: list[Path], out: Path) -> Mode
     logs = {"train": train, "test": test}
     runs = {split: [read_log(p, robot.joint_names, split=split) for p in paths] for split, paths in logs.items()}
     result = close_loop(robot, runs["train"], runs["test"])
-    print(f"{robot.name}: {result.diagnosis['verdict'].replace('_', ' ')}")
+    print(f"{robot.name}: {result.diagnosis.verdict.replace('_', ' ')}")
     for effect in result.model.effects:
         values = ", ".join(f"{name} {value:.3g}" for name, value in effect.parameters.items())
         print(f"  {effect.effect} ({', '.join(effect.joints) or 'whole robot'}): {values}")

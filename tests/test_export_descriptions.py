@@ -25,9 +25,13 @@ BUNDLED = sorted(
     if str(entry).endswith(".urdf")
 )
 #: Bundled robots that this project refuses (no joint, or a moving link without inertia).
-REFUSED = {"quadrotor_base", "iris_simple", "romeo", "romeo_laas_small", "ur3"}
-#: Bundled robots with a link that cannot exist; MuJoCo compiles no such body.
-IMPOSSIBLE = {"human", "icub", "icub_reduced", "romeo_small"}
+REFUSED = {
+    *("quadrotor_base", "iris_simple", "ur3"),  # no joint
+    *("romeo", "romeo_laas_small", "romeo_small"),  # a link without inertia, or with one that no body has
+    "alex_psyonic_hands",  # a joint that mimics one that is not driven
+}
+#: Bundled robots with links without extent, which MuJoCo does not compile.
+IMPOSSIBLE = {"human", "icub", "icub_reduced"}
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +62,16 @@ def mujoco_torque(xml, robot, q, dq, ddq):
     out = np.empty_like(q)
     for k in range(len(q)):
         data.qpos[at_q], data.qvel[at_dq], data.qacc[at_dq] = q[k], dq[k], ddq[k]
+        for mimic in robot.mimics:
+            leader, joint = robot.joint_names.index(mimic.leader), model.joint(mimic.joint)
+            data.qpos[joint.qposadr] = mimic.multiplier * q[k, leader] + mimic.offset
+            data.qvel[joint.dofadr] = mimic.multiplier * dq[k, leader]
+            data.qacc[joint.dofadr] = mimic.multiplier * ddq[k, leader]
         mujoco.mj_inverse(model, data)
         out[k] = data.qfrc_inverse[at_dq] / gear
+        for mimic in robot.mimics:  # with the constraint off, what it would pass on to the leader
+            passed = data.qfrc_inverse[model.joint(mimic.joint).dofadr[0]]
+            out[k, robot.joint_names.index(mimic.leader)] += mimic.multiplier * passed
     return out
 
 

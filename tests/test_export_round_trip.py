@@ -33,7 +33,6 @@ PLANTED = {
         Effect("torque_gain", (S,), {"gain": 1.1}),
         Effect("position_offset", (E,), {"offset": 0.05}),
         Effect("link_mass", (S,), {"mass": 5.0}),
-        Effect("drift", (S,), {"rate": 0.5, "time_constant": 6.0}, {"of": "coulomb"}),
         Effect(
             "joint_coupling",
             (E,),
@@ -49,6 +48,7 @@ ELSEWHERE = {
     "link_com": "on two planar links it is what link_mass and payload are",
     "link_inertia": "on two planar links it is what link_mass and payload are",
     "inertial_parameters": "on two planar links it is what link_mass and payload are",
+    "drift": "its torque is compared in test_export_programs; the loop keeps the time constant it starts from",
     "stribeck_friction": "its torque is compared in test_export_programs; the loop's search for it is tested with it",
     "torque_ripple": "its torque is compared in test_export_programs; the loop's search for it is tested with it",
     "symbolic_torque": "its torque is compared in test_export_programs; the loop's search for it is tested with it",

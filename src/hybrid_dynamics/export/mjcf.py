@@ -19,6 +19,7 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.export.body import joint_axis
 from hybrid_dynamics.export.source import Rendered, Source
 from hybrid_dynamics.export.terms import Terms
+from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.robots.urdf import lock_joints
 
 Array = NDArray[np.float64]
@@ -69,20 +70,37 @@ def document(source: Source) -> ET.Element:
     bodies: dict[int, ET.Element] = {0: world}
     low, high = robot.position_limits
     read = readings(source.robot, source.kept.effects)
-    for k, joint in sorted(enumerate(robot.joint_ids), key=lambda pair: pair[1]):
-        name = robot.joint_names[k]
+    drives = {joint: k for k, joint in enumerate(robot.joint_ids)}
+    for joint in range(1, model.njoints):
+        name = model.names[joint]
         own = terms.get(name, {})
         parent = bodies[model.parents[joint]]
         place = _pose(model.jointPlacements[joint])
         body = bodies[joint] = ET.SubElement(parent, "body", {"name": links[name], **place})
         body.append(_inertial(model.inertias[joint]))
-        element = _joint(model, joint, name, own, float(read.offset[k]))
+        k = drives.get(joint)
+        element = _joint(model, joint, name, own, 0.0 if k is None else float(read.offset[k]))
+        body.append(element)
+        if k is None:
+            continue
         if np.isfinite([low[k], high[k]]).all() and low[k] < high[k]:
             element.set("range", numbers((low[k], high[k])))
-        body.append(element)
         # A motor is commanded the torque as it would be recorded.
         ET.SubElement(actuators, "motor", name=f"drive_{name}", joint=name, gear=numbers([1.0 / read.gain[k]]))
+    _couple(root, robot, read.offset)
     return root
+
+
+def _couple(root: ET.Element, robot: Robot, misread: Array) -> None:
+    """Equality constraints for joints that follow another one (mimic)."""
+    if not robot.mimics:
+        return
+    equality = ET.SubElement(root, "equality")
+    for mimic in robot.mimics:
+        # The leader's position is the one that is read; the follower's is its own.
+        start = mimic.offset + mimic.multiplier * float(misread[robot.joint_names.index(mimic.leader)])
+        law = numbers([start, mimic.multiplier, 0.0, 0.0, 0.0])
+        ET.SubElement(equality, "joint", joint1=mimic.joint, joint2=mimic.leader, polycoef=law)
 
 
 def _joint(model: pin.Model, joint: int, name: str, own: Terms, misread: float) -> ET.Element:

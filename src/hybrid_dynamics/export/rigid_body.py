@@ -7,6 +7,7 @@ its numbers from the Pinocchio model that the rest of the project computes with,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as cs
@@ -35,25 +36,25 @@ def inverse_dynamics(robot: Robot, body: BodyNumbers, q: cs.SX, dq: cs.SX, ddq: 
     Spatial vectors hold the linear part first, as Pinocchio's.
     """
     model = robot.model
-    at = {joint: k for k, joint in enumerate(robot.joint_ids)}
+    joints = _joints(robot, body, q, dq, ddq)
     linear, angular = [cs.SX(3, 1)], [cs.SX(3, 1)]
     acceleration, turning = [-_exact(body.gravity)], [cs.SX(3, 1)]
     force: list[Any] = [None]
     moment: list[Any] = [None]
     places: list[Any] = [None]
     for joint in range(1, model.njoints):
-        k, parent = at[joint], model.parents[joint]
+        own, parent = joints[joint], model.parents[joint]
         axis, slides = _axis(model, joint)
-        rotation, position = _placement(model, joint, axis, slides, q[k])
+        rotation, position = _placement(model, joint, axis, slides, own.q)
         back = rotation.T
-        shift, spin = (axis * dq[k], cs.SX(3, 1)) if slides else (cs.SX(3, 1), axis * dq[k])
-        push, twist = (axis * ddq[k], cs.SX(3, 1)) if slides else (cs.SX(3, 1), axis * ddq[k])
+        shift, spin = (axis * own.dq, cs.SX(3, 1)) if slides else (cs.SX(3, 1), axis * own.dq)
+        push, twist = (axis * own.ddq, cs.SX(3, 1)) if slides else (cs.SX(3, 1), axis * own.ddq)
         v = back @ (linear[parent] + cs.cross(angular[parent], position)) + shift
         w = back @ angular[parent] + spin
         a = back @ (acceleration[parent] + cs.cross(turning[parent], position)) + push
         a += cs.cross(w, shift) + cs.cross(v, spin)
         b = back @ turning[parent] + twist + cs.cross(w, spin)
-        mass, first, inertia = _inertia(body.inertias[k, :])
+        mass, first, inertia = _inertia(own.inertia)
         momentum = mass * v + cs.cross(w, first)
         spin_momentum = inertia @ w + cs.cross(first, v)
         force.append(mass * a + cs.cross(b, first) + cs.cross(w, momentum))
@@ -63,16 +64,46 @@ def inverse_dynamics(robot: Robot, body: BodyNumbers, q: cs.SX, dq: cs.SX, ddq: 
         acceleration.append(a)
         turning.append(b)
         places.append((rotation, position, axis, slides, parent))
-    torque = [cs.SX(1, 1)] * robot.n_joints
+    torque = [cs.SX(1, 1) for _ in robot.joint_names]
     for joint in range(model.njoints - 1, 0, -1):
         rotation, position, axis, slides, parent = places[joint]
-        k = at[joint]
-        torque[k] = axis.T @ (force[joint] if slides else moment[joint]) + body.armature[k] * ddq[k]
+        own = joints[joint]
+        # By virtual work the torque of a joint that follows is its leader's, times the multiplier.
+        drive = axis.T @ (force[joint] if slides else moment[joint]) + own.armature * own.ddq
+        torque[own.drive] += own.multiplier * drive
         if parent:
             carried = rotation @ force[joint]
             force[parent] += carried
             moment[parent] += rotation @ moment[joint] + cs.cross(position, carried)
     return cs.densify(cs.vertcat(*torque))
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """State and numbers of one joint of the Pinocchio model; drive ``drive`` moves it, ``multiplier`` times as far."""
+
+    q: cs.SX
+    dq: cs.SX
+    ddq: cs.SX
+    inertia: Any
+    armature: Any
+    drive: int
+    multiplier: float = 1.0
+
+
+def _joints(robot: Robot, body: BodyNumbers, q: cs.SX, dq: cs.SX, ddq: cs.SX) -> dict[int, _Joint]:
+    """All joints by Pinocchio's number: those that drives move, and those that follow one of them."""
+    model = robot.model
+    out = {
+        joint: _Joint(q[k], dq[k], ddq[k], body.inertias[k, :], body.armature[k], k)
+        for k, joint in enumerate(robot.joint_ids)
+    }
+    for mimic in robot.mimics:
+        k, joint, m = robot.joint_names.index(mimic.leader), model.getJointId(mimic.joint), mimic.multiplier
+        inertia = np.asarray(model.inertias[joint].toDynamicParameters())
+        rotor = float(model.armature[model.idx_vs[joint]])
+        out[joint] = _Joint(m * q[k] + mimic.offset, m * dq[k], m * ddq[k], inertia, rotor, k, m)
+    return out
 
 
 def _exact(values: Any) -> cs.SX:

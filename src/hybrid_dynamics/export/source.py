@@ -56,7 +56,7 @@ class Source:
     @property
     def inactive(self) -> tuple[Effect, ...]:
         """Effects that ``model.json`` keeps on record without letting them act: they are not exported."""
-        return tuple(getattr(self.model, "inactive", ()))
+        return self.model.inactive
 
     @cached_property
     def kept(self) -> Model:
@@ -70,7 +70,8 @@ class Source:
         from hybrid_dynamics.export.symbolic import SymbolicModel  # CasADi: the descriptions do without it
 
         if self.uncertainty is None:
-            return SymbolicModel(self.kept)
+            left = None if self.model.misfit is None else np.array(self.model.misfit)
+            return SymbolicModel(self.kept, left)
         kept = [any(e is effect for e in self.kept.effects) for effect in self.model.effects]
         chosen = [kept[k] for k, _ in uncertain_parameters(self.model.effects)]
         correlation = self.uncertainty.correlation

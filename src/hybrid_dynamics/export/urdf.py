@@ -54,7 +54,8 @@ def _set_inertials(document: XmlText, source: Source) -> list[str]:
     for joint, old, new in zip(robot.joint_names, before, after, strict=True):
         if np.array_equal(old, new):
             continue
-        carried, fixed = _rigidly_joined(document.root, joint, robot.joint_names)
+        moving = (*robot.joint_names, *(mimic.joint for mimic in robot.mimics))
+        carried, fixed = _rigidly_joined(document.root, joint, moving)
         own = _own_inertia(links[carried])
         share = _share(new, old - own)
         if share < 1:
