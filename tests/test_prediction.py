@@ -9,7 +9,7 @@ from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.exercise import exercise
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.loop.prediction import predict_log
+from hybrid_dynamics.loop.prediction import predict
 from hybrid_dynamics.loop.uncertainty import Uncertainty
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -27,7 +27,7 @@ def share(error: np.ndarray, torque: np.ndarray) -> float:
 def test_every_row_is_predicted_and_the_ends_hardly_worse(rate):
     """The log begins and ends in full motion; 5 % of the spread at the ends (mirrored ends: 10 to 20 %)."""
     run = true_run(rate).rows(slice(int(2.2 * rate), int(4.4 * rate)))
-    found = predict_log(Model(two_links(), EFFECTS), run)
+    found = predict(Model(two_links(), EFFECTS), run)
     np.testing.assert_array_equal(found.time, run.time)
     assert found.covered.all()
     error, edge = found.tau - run["tau"], int(0.08 * rate)
@@ -35,7 +35,7 @@ def test_every_row_is_predicted_and_the_ends_hardly_worse(rate):
     assert share(error[:edge], run["tau"]) < 0.05
     assert share(error[-edge:], run["tau"]) < 0.05
     # The control: without the effects the same prediction misses them.
-    bare = predict_log(Model(two_links()), run)
+    bare = predict(Model(two_links()), run)
     assert share(bare.tau - run["tau"], run["tau"]) > 0.1
 
 
@@ -45,13 +45,13 @@ def test_uneven_stamps_keep_their_own_rows_and_a_gap_is_not_bridged():
     kept = np.sort(rng.choice(len(run.time), int(0.8 * len(run.time)), replace=False))
     kept = kept[(run.time[kept] < 2.0) | (run.time[kept] > 3.0)]
     log = run.rows(kept)
-    found = predict_log(Model(two_links(), EFFECTS), log)
+    found = predict(Model(two_links(), EFFECTS), log)
     np.testing.assert_array_equal(found.time, log.time)
     assert share((found.tau - log["tau"])[found.covered], log["tau"]) < 0.03
     assert found.covered.all()
     short = np.concatenate([log.time < 2.0, np.zeros(0, bool)]) | ((log.time > 4.0) & (log.time < 4.02))
     told: list[str] = []
-    partly = predict_log(Model(two_links(), EFFECTS), log.rows(short), notify=told.append)
+    partly = predict(Model(two_links(), EFFECTS), log.rows(short), notify=told.append)
     assert not partly.covered[log.time[short] > 3].any()
     assert any("left out" in line for line in told)
 
@@ -59,7 +59,7 @@ def test_uneven_stamps_keep_their_own_rows_and_a_gap_is_not_bridged():
 def test_parts_add_up_to_the_prediction():
     effects = (*EFFECTS, Effect("armature", ("elbow",), {"armature": 0.1}), EFFECTS[0])
     run = true_run()
-    found = predict_log(Model(two_links(), effects), run, parts=True)
+    found = predict(Model(two_links(), effects), run, parts=True)
     assert list(found.parts) == ["rigid_body", "viscous_friction", "torque_offset", "armature", "viscous_friction_2"]
     np.testing.assert_allclose(sum(found.parts.values()), found.tau, atol=1e-9)
     # An offset is the one effect whose share is known without any filter.
@@ -79,8 +79,8 @@ def test_the_band_holds_what_it_promises():
             Effect(e.effect, e.joints, {k: v + s[k] * rng.normal() for k, v in e.parameters.items()}, std_errors=s)
             for e, s in zip(EFFECTS, errors, strict=True)
         ]
-        left = predict_log(Model(robot, EFFECTS), run).rmse()
-        found = predict_log(Model(robot, tuple(off)), run, uncertainty=Uncertainty(left))
+        left = predict(Model(robot, EFFECTS), run).rmse()
+        found = predict(Model(robot, tuple(off)), run, uncertainty=Uncertainty(left))
         assert found.band is not None
         assert found.measured_smooth is not None
         error = np.abs(found.measured_smooth - found.tau)
@@ -98,9 +98,9 @@ def test_correlated_parameters_give_another_band():
     )
     run, model = true_run(), Model(two_links(), effects)
     nothing = np.zeros(2)
-    opposite = predict_log(model, run, uncertainty=Uncertainty(nothing, np.array([[1.0, -1.0], [-1.0, 1.0]])))
-    together = predict_log(model, run, uncertainty=Uncertainty(nothing, np.ones((2, 2))))
-    alone = predict_log(model, run, uncertainty=Uncertainty(nothing))
+    opposite = predict(model, run, uncertainty=Uncertainty(nothing, np.array([[1.0, -1.0], [-1.0, 1.0]])))
+    together = predict(model, run, uncertainty=Uncertainty(nothing, np.ones((2, 2))))
+    alone = predict(model, run, uncertainty=Uncertainty(nothing))
     for found, expected in ((opposite, 0.0), (together, 0.4), (alone, 0.2 * np.sqrt(2))):
         assert found.band is not None
         np.testing.assert_allclose(found.band[:, 1], expected, atol=1e-6)
@@ -110,13 +110,13 @@ def test_measured_velocity_is_used():
     run = true_run()
     speed = CubicSpline(run.time, run["q"], axis=0)(run.time, 1)
     model = Model(two_links(), EFFECTS)
-    given = predict_log(model, run.with_signals(dq=speed)).tau
-    np.testing.assert_allclose(given, predict_log(model, run).tau, atol=0.2)
-    doubled = predict_log(model, run.with_signals(dq=2 * speed)).tau
+    given = predict(model, run.with_signals(dq=speed)).tau
+    np.testing.assert_allclose(given, predict(model, run).tau, atol=0.2)
+    doubled = predict(model, run.with_signals(dq=2 * speed)).tau
     assert np.abs(doubled - given).max() > 1.0
 
 
 def test_a_log_of_another_robot_is_refused():
     run = true_run()
     with pytest.raises(InputError, match="holds 1 joints; robot two_links has 2"):
-        predict_log(Model(two_links()), Trajectory("x", "test", run.time, {"q": run["q"][:, :1]}))
+        predict(Model(two_links()), Trajectory("x", "test", run.time, {"q": run["q"][:, :1]}))

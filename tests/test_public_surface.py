@@ -9,7 +9,8 @@ import sys
 import pytest
 
 import hybrid_dynamics
-from small_arm import write_logs
+from hybrid_dynamics.loop.diagnosis import write_diagnosis
+from small_arm import arm, runs, write_logs
 
 HEAVY = ("numpy", "pinocchio", "scipy", "torch", "pysindy", "sympy", "pyarrow")
 
@@ -33,7 +34,10 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory):
-    return write_logs(tmp_path_factory.mktemp("logs"))
+    folder = write_logs(tmp_path_factory.mktemp("logs"))
+    result = hybrid_dynamics.close_loop(arm(), *runs())
+    write_diagnosis(folder / "diagnosis.json", result.diagnosis)
+    return folder
 
 
 @pytest.mark.parametrize("name", hybrid_dynamics.__all__)

@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from hybrid_dynamics.errors import one_line
     from hybrid_dynamics.files import check_target
     from hybrid_dynamics.loop.model import load_model, read_model
-    from hybrid_dynamics.loop.prediction import predict_log
+    from hybrid_dynamics.loop.prediction import predict
     from hybrid_dynamics.loop.uncertainty import uncertainty_from
     from hybrid_dynamics.readers.log import read_raw
     from hybrid_dynamics.robots import Robot
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         # The torque is only compared with: a log without it, or with one that is of no use, is predicted all the same.
         log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append, torque=False, log=form)
         notices.append(f"no comparison with measured torque ({one_line(error)})")
-    prediction = predict_log(model, log, parts=args.effects, uncertainty=uncertainty, notify=notices.append)
+    prediction = predict(model, log, parts=args.effects, uncertainty=uncertainty, notify=notices.append)
     left_out = int((~prediction.covered).sum())
     if left_out:
         notices.append(f"{left_out} rows stand in stretches too short to filter; they have no prediction")

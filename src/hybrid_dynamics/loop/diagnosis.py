@@ -116,6 +116,12 @@ class Diagnosis:
 
     ``noise_floor`` [N m] lies between ``_low`` and ``_high``; ``learnable_share`` of what is left a black box trained
     on other runs still removes; ``motion_dependent``: the alarm; ``cannot_tell``: neither alarm nor all-clear.
+
+    >>> import json
+    >>> from hybrid_dynamics import Diagnosis
+    >>> found = Diagnosis.from_json(json.load(open("diagnosis.json")))
+    >>> found.verdict, [(e.effect.effect, *e.effect.joints) for e in found.effects]
+    ('explained', [('viscous_friction', 'shoulder'), ('coulomb_friction', 'elbow')])
     """
 
     robot: str
