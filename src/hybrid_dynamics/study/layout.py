@@ -78,8 +78,40 @@ class DatasetFiles:
         return self.folder / "timing" / f"{method}.json"
 
     @property
+    def park(self) -> Path:
+        return self.folder / "park"
+
+    @property
     def questions(self) -> Path:
         return self.folder / "questions"
+
+
+@dataclass(frozen=True)
+class AddedFiles:
+    """Known effects added to the recorded runs of ``dataset``: ``truth`` lies apart, for the stage score_added alone."""
+
+    dataset: str
+    root: Path = Path()
+
+    @property
+    def folder(self) -> Path:
+        return self.root / "data" / "added" / self.dataset
+
+    @property
+    def logs(self) -> Path:
+        return self.folder / "logs"
+
+    @property
+    def diagnoses(self) -> Path:
+        return self.folder / "diagnoses"
+
+    @property
+    def scores(self) -> Path:
+        return self.folder / "scores.csv"
+
+    @property
+    def truth(self) -> Path:
+        return self.root / "data" / "added_truth" / f"{self.dataset}.json"
 
 
 @dataclass(frozen=True)
