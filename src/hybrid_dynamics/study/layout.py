@@ -88,7 +88,7 @@ class DatasetFiles:
 
 @dataclass(frozen=True)
 class AddedFiles:
-    """Known effects added to the recorded runs of ``dataset``: ``truth`` lies apart, for the stage score_added alone."""
+    """Known effects added to recorded runs of ``dataset``: ``truth`` lies apart, for the stage score_added alone."""
 
     dataset: str
     root: Path = Path()
