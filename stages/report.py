@@ -10,6 +10,7 @@ from hybrid_dynamics.study.blind import COLUMNS
 from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.study.datasets import RobotSettings, picture_of
 from hybrid_dynamics.study.layout import REPORTS, BlindFiles, DatasetFiles
+from hybrid_dynamics.study.park.collect import collect_park
 from hybrid_dynamics.study.report import write_report
 from hybrid_dynamics.study.report.sections import blind_section, derivative_section, study_sections
 from hybrid_dynamics.study.results import StudyInputs
@@ -24,6 +25,11 @@ def main() -> None:
     scores = [pd.read_csv(BlindFiles(name).scores) for name in section(params, "blind_robots", list[str])]
     blind = pd.concat(scores) if scores else pd.DataFrame(columns=list(COLUMNS))
     write_text(REPORTS / "blind.csv", blind.to_csv(index=False))
+    arms = section(params, "park", list[str])
+    left_out = collect_park(arms, section(params, "added_arms", list[str]), REPORTS)
+    if arms:
+        without = f"; left out: {', '.join(left_out)}" if left_out else ""
+        print(f"park: {len(arms) - len(left_out)} of {len(arms)} arms{without}")
     compared = section(params, "compared", list[str])
     extra = (
         blind_section(REPORTS / "blind.csv") if scores else None,

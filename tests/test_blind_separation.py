@@ -41,3 +41,19 @@ def test_the_diagnosing_stage_names_no_truth_in_its_code():
     code = (Path(__file__).resolve().parents[1] / "stages" / "close_blind.py").read_text()
     assert "truth" not in code
     assert "blind import" not in code.replace("layout import BlindFiles", "")
+
+
+ADDED = "data/added_truth"
+
+
+def test_what_was_added_to_recorded_runs_is_read_by_its_score_alone():
+    readers = {name for name, stage in STAGES.items() if any(below(p, ADDED) for p in paths(stage, "deps"))}
+    assert "score_added" in readers
+    assert readers <= {"score_added", "report"}
+    outputs = {name: paths(stage, "outs") for name, stage in STAGES.items()}
+    assert [name for name, outs in outputs.items() if any(below(o, ADDED) for o in outs)] == ["generate_added"]
+    # Nor does the stage that diagnoses know what kinds of effect are added, and how large.
+    assert set(paths(STAGES["close_added"], "params")) == {"loop"}
+    code = (Path(__file__).resolve().parents[1] / "stages" / "close_added.py").read_text()
+    assert "truth" not in code
+    assert "study.park" not in code
