@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, Motion, family, plant
+from hybrid_dynamics.effects import Effect, Motion, family
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.files import atomic_path
 from hybrid_dynamics.loop.diagnosis import errors_of, moving_rms
@@ -24,7 +24,7 @@ from hybrid_dynamics.loop.process import ProcessSettings, Run, derivative, hann_
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.controller import ControllerSettings, make_controller
 from hybrid_dynamics.simulation.dataset import run_until_accepted
-from hybrid_dynamics.simulation.effects import from_state_torque
+from hybrid_dynamics.simulation.planted import planted, sensors_for
 from hybrid_dynamics.simulation.references import Reference, ReferenceSettings, derive_seed, multi_sine
 from hybrid_dynamics.simulation.rollout import SimulationSettings
 from hybrid_dynamics.simulation.sensors import SensorSettings, record
@@ -61,6 +61,10 @@ COLUMNS = (
     "rmse_after_all_rows",
     "rmse_true_model_all_rows",
     "floor_over_true_model",
+    "noise",
+    "seconds",
+    "listed",
+    "unknown_forms",
 )
 
 
@@ -71,12 +75,15 @@ def _reference() -> ReferenceSettings:
 @dataclass(frozen=True)
 class BlindSettings:
     """``single``, ``pairs``, ``nothing``: number of cases per robot; sizes are drawn between ``smallest`` and
-    ``largest`` noise floors. Runs of ``duration`` [s] with a control period and log interval of ``period`` [s]."""
+    ``largest`` noise floors. Runs of ``duration`` [s] with a control period and log interval of ``period`` [s].
+    ``foreign``: further cases from another engine (see :mod:`.foreign_cases`).
+    """
 
     families: tuple[str, ...] = FIRST_FAMILIES
     single: int = 29
     pairs: int = 15
     nothing: int = 20
+    foreign: int = 0
     train: int = 4
     test: int = 2
     duration: float = 16.0
@@ -92,7 +99,7 @@ class BlindSettings:
     def __post_init__(self) -> None:
         for name in self.families:
             family(name)
-        for name in ("single", "pairs", "nothing"):
+        for name in ("single", "pairs", "nothing", "foreign"):
             require(0 <= getattr(self, name) <= 10000, f"{name} is {getattr(self, name)}; expected 0 to 10000 cases")
         require(self.train >= 1, f"train is {self.train}; expected at least one run")
         require(self.test >= 1, f"test is {self.test}; expected at least one run")
@@ -138,12 +145,12 @@ def make_case(robot: Robot, hidden: Sequence[str], settings: BlindSettings, name
 
     planned = [draw(k, 0) for k in range(total)]
     effects, size = draw_effects(robot, hidden, planned, settings, rng)
-    changed, torque = plant(robot, effects)
+    changed, acting = planted(robot, effects)
     controller = make_controller(robot, ControllerSettings(), settings.period, (changed,))
     simulation = SimulationSettings(settings.duration, settings.period, settings.substep, lockstep=total)
-    law = from_state_torque(torque, robot.n_joints)
-    done = run_until_accepted(list(range(total)), draw, changed, controller, simulation, law)
-    sensors = SensorSettings(encoder_bits=settings.encoder_bits, torque_noise_share=settings.torque_noise_share)
+    done = run_until_accepted(list(range(total)), draw, changed, controller, simulation, acting)
+    plain = SensorSettings(encoder_bits=settings.encoder_bits, torque_noise_share=settings.torque_noise_share)
+    sensors = sensors_for(plain, robot, effects)
     runs = []
     for k in range(total):
         split = "train" if k < settings.train else "test"
@@ -231,10 +238,11 @@ def score_blind(
     """
     runs = [process(t, robot, settings or ProcessSettings()) for t in test]
     own = [process(t, robot, settings or ProcessSettings()) for t in train]
-    hidden = [(e["effect"], tuple(e["joints"])) for e in truth["effects"]]
-    named = [(e["effect"], tuple(e["joints"])) for e in diagnosis["effects"]]
+    hidden, named = _pairs(truth["effects"]), _pairs(diagnosis["effects"])
     right = all(h in named for h in hidden)
     clean = all(n in hidden for n in named)
+    unknown = truth.get("unknown_forms", [])
+    listed = {n for e in diagnosis["effects"] for a in e["indistinguishable_from"] for n in _pairs(a["effects"])}
     model = true_model(robot, truth)
     exact, exact_all = moving_rms(model, runs), np.array(errors_of(model, runs)["rmse"])
     after = np.array(diagnosis["error_moving"]["test"]["after"]["rmse"])
@@ -242,6 +250,9 @@ def score_blind(
     after_all = np.array(diagnosis["error"]["test"]["after"]["rmse"])
     floor = np.array(diagnosis["noise_floor"])
     ratio = floor / np.maximum(moving_rms(model, own), 1e-12)
+    if unknown:  # no model of ours is the true one: the noise alone is what it would leave
+        exact = exact_all = np.array(truth["true_rmse"])
+        ratio = floor / np.maximum(exact, 1e-12)
     worst = int(np.argmax(after / np.maximum(exact, 1e-12)))
     errors = parameter_errors(truth, diagnosis, robot, runs) if right and hidden else []
     return {
@@ -265,7 +276,16 @@ def score_blind(
         "rmse_after_all_rows": after_all[worst],
         "rmse_true_model_all_rows": exact_all[worst],
         "floor_over_true_model": float(ratio[np.argmax(np.abs(np.log(np.maximum(ratio, 1e-12))))]),
+        "noise": truth.get("noise", "white"),
+        "seconds": truth.get("seconds", sum(t.time[-1] - t.time[0] for t in train)),
+        "listed": all(h in named or h in listed for h in hidden),
+        "unknown_forms": " ".join(u["form"].replace(" ", "_") for u in unknown),
     }
+
+
+def _pairs(entries: Sequence[Mapping[str, Any]]) -> list[tuple[str, tuple[str, ...]]]:
+    """Family and joints of every entry."""
+    return [(e["effect"], tuple(e["joints"])) for e in entries]
 
 
 def parameter_errors(

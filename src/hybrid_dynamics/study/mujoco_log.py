@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -74,29 +74,35 @@ def make_mujoco_log(
     """
     own = settings or LogSettings(duration=duration, rate=rate, noise=noise)
     text = read_text(robot_urdf, lock)
-    native = [h for h in hidden if h.kind in NATIVE]
+    engine = Engine(text)
+    out = []
+    for k, (course, tau) in enumerate(motions_of(text, hidden, own, seed)):
+        rng = np.random.default_rng(derive_seed("sensors", seed, k))
+        signals = read(course, tau, hidden, own, engine.robot.effort_limits, rng)
+        out.append(Trajectory(f"run_{k + 1}", "train" if k < own.train else "test", course.time, signals))
+    return out
+
+
+def motions_of(text: str, hidden: Sequence[Hidden], settings: LogSettings, seed: int) -> Iterator[tuple[Course, Array]]:
+    """True motion and true torque (T, n) of every run, before anything is read of them."""
     for h in hidden:
         if h.kind not in NATIVE and h.kind not in LAWS and h.kind not in READINGS:
             raise InputError(f"hidden cause {h.kind!r} is unknown; known are {', '.join([*NATIVE, *LAWS, *READINGS])}")
+    native = [h for h in hidden if h.kind in NATIVE]
     engine = Engine(text, native)
     bodies = Engine(text, [h for h in native if h.kind in ("mass", "com", "block", "tilt", "armature")])
-    runs = []
-    for k in range(own.train + own.test):
-        reference = multi_sine(
-            engine.robot, own.reference, own.duration, 1.0 / own.rate, derive_seed("mujoco", seed, k)
-        )
-        time: Array = np.arange(len(reference.q), dtype=np.float64) / own.rate
-        ddq = derivative(reference.dq, 1.0 / own.rate)
-        motion = (reference.q, reference.dq, ddq)
+    period = 1.0 / settings.rate
+    for k in range(settings.train + settings.test):
+        draw = derive_seed("mujoco", seed, k)
+        reference = multi_sine(engine.robot, settings.reference, settings.duration, period, draw)
+        time: Array = np.arange(len(reference.q), dtype=np.float64) * period
+        motion = (reference.q, reference.dq, derivative(reference.dq, period))
         course = Course(time, *motion, load=bodies.torque(*motion))
         tau = engine.torque(*motion)
         for h in hidden:
             if h.kind in LAWS:
                 tau[:, h.at] += LAWS[h.kind](course, h.at, h.values)
-        rng = np.random.default_rng(derive_seed("sensors", seed, k))
-        signals = read(course, tau, hidden, own, engine.robot.effort_limits, rng)
-        runs.append(Trajectory(f"run_{k + 1}", "train" if k < own.train else "test", time, signals))
-    return runs
+        yield course, tau
 
 
 def read(

@@ -1,0 +1,64 @@
+"""Blind cases from another engine hold what their truth says, in the size that it says."""
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.loop.model import Model, effect_from_json
+from hybrid_dynamics.robots import find_description
+from hybrid_dynamics.study.blind import BlindSettings
+from hybrid_dynamics.study.engine import read_text, robot_of
+from hybrid_dynamics.study.foreign import KNOWN, RECIPES, UNKNOWN
+from hybrid_dynamics.study.foreign_cases import log_settings, make_foreign, noise_level, plan_foreign, recorded
+from hybrid_dynamics.study.mujoco_log import LogSettings, motions_of, read
+
+TEXT = read_text(find_description("ur_description/urdf/ur5_joint_limited_robot.urdf"))
+ROBOT = robot_of(TEXT)
+SHORT = LogSettings(train=1, test=0, duration=4.0, rate=500.0, noise="none", encoder_bits=0)
+
+
+@pytest.mark.parametrize("name", [r.name for r in KNOWN])
+def test_the_truth_of_a_known_form_predicts_its_torque(name):
+    hidden = RECIPES[name].draw(np.random.default_rng(1))(ROBOT, 2, 1.0)
+    ((course, tau),) = motions_of(TEXT, [hidden], SHORT, 3)
+    signals = read(course, tau, [hidden], SHORT, np.zeros(6), np.random.default_rng(0))
+    states = (signals["q"], course.dq, course.ddq)
+    added = signals["tau"] - ROBOT.inverse_dynamics(*states)
+    left = signals["tau"] - Model(ROBOT, tuple(RECIPES[name].truth(ROBOT, hidden))).predict(*states, course.time)
+    # Dahl's memory differs by half a sample of travel between the two integrations, a delay by its first sample, and
+    # MuJoCo's friction loss turns over within a nanometre per second at rest.
+    assert np.std(left) < (0.05 if name in ("dahl", "delay", "coulomb", "gear") else 1e-6) * np.std(added)
+
+
+def test_unknown_forms_have_no_truth_and_every_third_case_holds_one():
+    assert all(not r.known and r.truth(ROBOT, r.draw(np.random.default_rng(0))(ROBOT, 1, 1.0)) == [] for r in UNKNOWN)
+    cases = plan_foreign(BlindSettings(foreign=30), "ur5")
+    assert cases == plan_foreign(BlindSettings(foreign=30), "ur5")
+    assert cases != plan_foreign(BlindSettings(foreign=30, seed=1), "ur5")
+    unknown = [any(not RECIPES[name].known for name in case) for case in cases]
+    assert sum(unknown) == 10
+    assert {len(case) for case in cases} >= {1, 2, 3}
+
+
+def test_a_case_is_as_large_as_its_truth_says_and_tells_nothing_in_its_name():
+    settings = BlindSettings(smallest=4.0, largest=4.0, test=1)
+    case = make_foreign(TEXT, ("coulomb",), settings, "ur5_m001", "ur5", LogSettings(train=1, test=1, duration=5.0))
+    assert case.truth["size_over_floor"] == pytest.approx(4.0)
+    effect = effect_from_json(case.truth["effects"][0])
+    joint = ROBOT.joint_names.index(effect.joints[0])
+    ratio = effect.parameters["coulomb_torque"] / case.truth["true_rmse"][joint]
+    # Friction is there whenever the joint moves: its root mean square is its torque but for the rest at both ends.
+    assert 4.0 <= ratio < 4.6
+    again = make_foreign(TEXT, ("coulomb",), settings, "ur5_m001", "ur5", LogSettings(train=1, test=1, duration=5.0))
+    np.testing.assert_array_equal(case.train[0]["tau"], again.train[0]["tau"])
+    assert "coulomb" not in case.name
+    assert case.truth["engine"] == "mujoco"
+
+
+def test_the_noise_that_counts_is_what_the_filter_leaves():
+    rng = np.random.default_rng(0)
+    seen = {log_settings(BlindSettings(), rng).noise for _ in range(40)}
+    assert seen == {"white", "ar1", "lowpass", "quantised"}
+    effort = np.ones(2)
+    white, slow = (noise_level(LogSettings(noise=kind), effort) for kind in ("white", "ar1"))
+    assert np.all(slow > 1.5 * white)  # what is correlated over 20 ms passes a filter of 25 Hz
+    assert np.abs(recorded(TEXT, [], SHORT)).max() < 1e-9
