@@ -97,6 +97,44 @@ def test_what_is_no_number_or_no_model_is_refused(path, old, new, message):
         load_model(path, two_links())
 
 
+@pytest.mark.parametrize(
+    ("effect", "settings", "message"),
+    [
+        ("coulomb_friction", {"magic": 1}, "setting 'magic' is unknown; known are only_run, sign_travel, sign_width"),
+        ("coulomb_friction", {"sign_width": "wide"}, "setting sign_width is 'wide'; expected a speed"),
+        ("coulomb_friction", {"sign_width": -0.1}, "setting sign_width is -0.1"),
+        ("coulomb_friction", {"sign_width": None}, "setting sign_width is None"),
+        ("coulomb_friction", {"sign_width": True}, "setting sign_width is True"),
+        ("coulomb_friction", {"sign_travel": {"a": 1}}, "setting sign_travel is {'a': 1}"),
+        ("viscous_friction", {"sign_width": 0.1}, "setting 'sign_width' is unknown; known are only_run"),
+        ("joint_spring", {"shape": "round"}, "setting shape is 'round'; expected one of linear, sine, piecewise"),
+        ("joint_spring", {"shape": "piecewise", "knots": [1, 0]}, "setting knots is (1, 0)"),
+        ("symbolic_torque", {"expression": 3}, "setting expression is 3"),
+    ],
+)
+def test_settings_an_effect_does_not_have_are_refused(path, effect, settings, message):
+    document = json.loads(path.read_text())
+    entry = document["effects"][0]
+    entry["effect"], entry["settings"] = effect, settings
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=re.escape(message)):
+        load_model(path, two_links())
+
+
+def test_a_parameter_a_law_divides_by_is_not_zero(path):
+    document = json.loads(path.read_text())
+    entry = document["effects"][0]
+    values = {"coulomb_torque": 1.0, "static_torque": 2.0, "stribeck_velocity": 0.0}
+    template = entry["parameters"][0]
+    entry |= {
+        "effect": "stribeck_friction",
+        "parameters": [template | {"name": k, "value": v} for k, v in values.items()],
+    }
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match="expected a stribeck velocity > 0"):
+        load_model(path, two_links())
+
+
 def test_bytes_that_are_no_text_and_a_folder(path):
     path.write_bytes(b'{"schema": \xff}')
     with pytest.raises(InputError, match="not text in UTF-8"):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.base import Family, Slot, register
-from hybrid_dynamics.effects.sign import sign_of, travel_of, width_settings
+from hybrid_dynamics.effects.sign import TRAVEL, WIDTH, sign_of, travel_of, width_settings
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
 from hybrid_dynamics.robots import Robot
 
@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 class AsymmetricCoulombFriction(Family):
     name = "asymmetric_coulomb_friction"
     scope = "joint"
+    known_settings = (WIDTH, TRAVEL)
     equation = r"\tau = F_c^{+}\ (\dot q > 0),\quad \tau = -F_c^{-}\ (\dot q < 0),\quad F_c^{\pm} \ge 0"
     parameters = (Parameter("coulomb_torque_positive", "N m"), Parameter("coulomb_torque_negative", "N m"))
     size = 2

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.keys import central_difference, hashable, joint_number, split_key
+from hybrid_dynamics.effects.settings import check_refined, check_settings
 from hybrid_dynamics.effects.sign import travelled_sign
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, Scope, Settings, State, Variable
 from hybrid_dynamics.errors import ConfigError, InputError
@@ -107,12 +108,14 @@ class Effect:
         nonlinear = {r.name for r in known.nonlinear_settings}
         settings = {k: hashable(v) for k, v in self.settings.items() if k not in nonlinear}
         object.__setattr__(self, "settings", settings)
+        check_settings(self.effect, settings, (*known.known_settings, ONLY_RUN))
         names = known.published(settings)
         if sorted(self.parameters) != sorted(names):
             raise InputError(
                 f"effect {self.effect}: parameters are {', '.join(sorted(self.parameters)) or 'none'}; "
                 f"expected {', '.join(names) or 'none'}"
             )
+        check_refined(self.effect, known.nonlinear_settings, known.setting_values, self.parameters)
         expected = (0,) if known.scope == "robot" else (0, 1) if known.shared else (1,)
         if len(self.joints) not in expected:
             raise InputError(f"effect {self.effect}: {len(self.joints)} joints are named; expected {expected[-1]}")
@@ -161,6 +164,8 @@ class Family(ABC):
     is_body: ClassVar[bool] = False
     #: True where the torque is not exactly linear in the coordinates.
     nonlinear: ClassVar[bool] = False
+    #: Names of the settings it may have (what they may be: ``effects/settings.py``).
+    known_settings: ClassVar[tuple[str, ...]] = ()
     #: Parameters that stand as numbers in the settings of a slot and are refined.
     nonlinear_settings: ClassVar[tuple[Refined, ...]] = ()
     #: True where the torque depends on the rigid-body torque of the joint, and so on all other effects of the body.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.base import Family, Slot, register
-from hybrid_dynamics.effects.sign import sign_of
+from hybrid_dynamics.effects.sign import WIDTH, sign_of
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
@@ -30,6 +30,7 @@ _START = 30.0
 class Drift(Family):
     name = "drift"
     scope = "joint"
+    known_settings = (OF, WIDTH)
     equation = r"\tau = r\,T\,(1 - e^{-t/T})\,g,\quad g \in \{1,\ \operatorname{sign}(\dot q),\ \dot q\}"
     parameters = (Parameter("rate", "N m/s"), Parameter(CONSTANT, "s"))
     size = 1

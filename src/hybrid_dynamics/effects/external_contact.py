@@ -29,6 +29,7 @@ _SHORTEST, _LARGEST_SHARE, _PROMINENCE = 0.3, 0.5, 5.0
 class ExternalContact(Family):
     name = "external_contact"
     scope = "joint"
+    known_settings = (INTERVALS,)
     equation = r"\tau = \tau_c \text{ within the intervals, else } 0"
     parameters = (Parameter("torque", "N m"),)
     searched = False

@@ -43,6 +43,7 @@ def body_scale(own: Array) -> Array:
 class InertialParameters(Family):
     name = "inertial_parameters"
     scope = "robot"
+    known_settings = (LINKS,)
     equation = (
         r"\tau = \sum_i Y_i(q, \dot q, \ddot q)\,(\pi_i - \pi_i^\text{URDF}),"
         r"\quad \text{every } \pi_i \text{ a body that can exist}"

@@ -32,6 +32,7 @@ _REACH = 2
 class JointCoupling(Family):
     name = "joint_coupling"
     scope = "joint"
+    known_settings = (FROM_JOINT, ROWS, SIGN_OF, WIDTH)
     equation = (
         r"\tau_j = c\,\dot q_k + d\,\operatorname{sign}(s) + e\,\ddot q_k,"
         r"\quad s \in \{\dot q_k,\ \dot q_j + \dot q_k,\ \dot q_j - \dot q_k\}"

@@ -30,6 +30,7 @@ _PIECES = 3
 class JointSpring(Family):
     name = "joint_spring"
     scope = "joint"
+    known_settings = (SHAPE, KNOTS)
     equation = r"\tau = k\,(q - q_0)\quad\text{or}\quad \tau = k \sin(q - q_0)\quad\text{or piecewise linear in } q"
     parameters = (Parameter("stiffness", "N m/rad"), Parameter("rest_position", "rad"))
     size = 2

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.base import Family, Slot, register
-from hybrid_dynamics.effects.sign import sign_of, travel_of, width_settings
+from hybrid_dynamics.effects.sign import TRAVEL, WIDTH, sign_of, travel_of, width_settings
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
 from hybrid_dynamics.robots import Robot
 
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 class LoadDependentFriction(Family):
     name = "load_dependent_friction"
     scope = "joint"
+    known_settings = (WIDTH, TRAVEL)
     equation = r"\tau = \mu\,|\tau_\text{load}|\operatorname{sign}(\dot q),\quad \mu \ge 0"
     parameters = (Parameter("load_coefficient", "1"),)
     uses_load = True

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.base import Family, Slot, register
-from hybrid_dynamics.effects.sign import sign_of
+from hybrid_dynamics.effects.sign import TRAVEL, WIDTH, sign_of
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
 from hybrid_dynamics.robots import Robot
 
@@ -28,6 +28,7 @@ _GRID = (0.03, 0.1, 0.3)
 class StribeckFriction(Family):
     name = "stribeck_friction"
     scope = "joint"
+    known_settings = (WIDTH, TRAVEL)
     equation = (
         r"\tau = \left(F_c + (F_s - F_c)\,e^{-(\dot q / v_s)^2}\right)\operatorname{sign}(\dot q),"
         r"\quad F_s \ge F_c \ge 0"

@@ -27,6 +27,7 @@ EXPRESSION = "expression"
 class SymbolicTorque(Family):
     name = "symbolic_torque"
     scope = "joint"
+    known_settings = (EXPRESSION,)
     equation = r"\tau = a\,f(q, \dot q, \ddot q)"
     parameters = (Parameter("scale", "1"),)
     searched = False
