@@ -22,6 +22,8 @@ def main() -> None:
     robots = {name: section(params, f"dataset.{name}.robot", RobotSettings) for name in names}
     steps = pd.concat([pd.read_csv(DatasetFiles(name).model("loop") / "steps.csv") for name in names])
     write_text(REPORTS / "loop.csv", steps.to_csv(index=False))
+    again = pd.concat([pd.read_csv(DatasetFiles(name).resimulation) for name in names])
+    write_text(REPORTS / "resimulation.csv", again.to_csv(index=False))
     scores = [pd.read_csv(BlindFiles(name).scores) for name in section(params, "blind_robots", list[str])]
     blind = pd.concat(scores) if scores else pd.DataFrame(columns=list(COLUMNS))
     write_text(REPORTS / "blind.csv", blind.to_csv(index=False))

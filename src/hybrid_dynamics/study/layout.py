@@ -20,6 +20,18 @@ LOOP_COLUMNS = (
     "rmse_before",
     "rmse_after",
 )
+#: Columns of ``resimulation.csv``: rms state errors [rad, rad/s] over windows [s] of held-out runs, in MuJoCo.
+RESIMULATION_COLUMNS = (
+    "dataset",
+    "provenance",
+    "joint",
+    "windows",
+    "window",
+    "position_before",
+    "position_after",
+    "velocity_before",
+    "velocity_after",
+)
 #: The trajectory name under which errors over all runs of a split stand.
 POOL = "all"
 
@@ -76,6 +88,10 @@ class DatasetFiles:
 
     def timing(self, method: str) -> Path:
         return self.folder / "timing" / f"{method}.json"
+
+    @property
+    def resimulation(self) -> Path:
+        return self.folder / "resimulation.csv"
 
     @property
     def park(self) -> Path:
