@@ -7,9 +7,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from hybrid_dynamics.effects.urdf_dynamics import urdf_dynamics
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.close import close_loop
-from hybrid_dynamics.loop.model import load_model
+from hybrid_dynamics.loop.described import with_described
+from hybrid_dynamics.loop.model import Model, load_model
 from hybrid_dynamics.loop.provenance import plain, provenance_of
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop_report.output import RESULT_FILES, is_result, write_result
@@ -27,7 +29,8 @@ Notify = Callable[[str], None]
 class LoopFiles:
     """What one loop reads and where its results go.
 
-    ``form`` says how logs in another form are read; ``command`` is noted in the provenance of the result.
+    ``form`` says how logs in another form are read; ``command`` is noted in the provenance of the result. With
+    ``ignore_dynamics`` the friction that the URDF gives is no part of the starting model; with ``model`` it never is.
     """
 
     robot: Path
@@ -40,6 +43,7 @@ class LoopFiles:
     command: Mapping[str, Any] = field(default_factory=dict)
     force: bool = False
     form: LogDescription | None = None
+    ignore_dynamics: bool = False
 
     @property
     def inputs(self) -> tuple[Path, ...]:
@@ -76,6 +80,9 @@ def close_files(files: LoopFiles, tell: Tell | None = None, note: Notify | None 
     files.check()
     robot = Robot.from_urdf(files.robot, files.lock)
     start = load_model(files.model, robot) if files.model else None
+    described = () if files.model or files.ignore_dynamics else urdf_dynamics(files.robot, robot)
+    if described:
+        start = Model(robot, described)
     notices: list[str] = []
     train = read_logs(files.train, robot, "train", notices, log=files.form)
     test = read_logs(files.test, robot, "test", notices, log=files.form)
@@ -83,7 +90,7 @@ def close_files(files: LoopFiles, tell: Tell | None = None, note: Notify | None 
         for line in notices:
             note(line)
     provenance = files.provenance(robot)
-    result = close_loop(robot, train, test, files.settings, start, tell)
+    result = with_described(close_loop(robot, train, test, files.settings, start, tell), described)
     if tell is not None:
         tell("writing the report", 1.0)
     with result_folder(files.out, RESULT_FILES, force=files.force, ours=is_result) as folder:

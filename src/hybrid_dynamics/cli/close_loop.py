@@ -45,6 +45,9 @@ def add_parser(subparsers: Any) -> None:
         "--model", type=Path, metavar="FILE", help="start from this model.json, not from the URDF alone"
     )
     parser.add_argument(
+        "--ignore-dynamics", action="store_true", help="leave the URDF's <dynamics> out of the starting model"
+    )
+    parser.add_argument(
         "--set", nargs="+", default=[], metavar="NAME=VALUE", help="settings, such as sign_widths=[0,0.05] or block=1"
     )
 
@@ -66,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
         command_line(args),
         args.force,
         log_form(args),
+        args.ignore_dynamics,
     )
     files.check()
     with console.progress() as tell:

@@ -90,6 +90,10 @@ def check_numbers(root: ET.Element, file: str | os.PathLike[str]) -> None:
         axis, limit = joint.find("axis"), joint.find("limit")
         if joint.get("type") not in MOVABLE:
             continue
+        for element in joint.findall("dynamics"):
+            for name in ("damping", "friction"):
+                if element.get(name) is not None and (value := numbers(element, name, 1, where)[0]) < 0:
+                    raise InputError(f"{where}: <dynamics> {name} is {value:g}; expected 0 or more: it would drive")
         if axis is not None and not any(numbers(axis, "xyz", 3, where)):
             raise InputError(f"{where}: its axis is zero; expected a direction such as 0 0 1")
         if limit is None and joint.get("type") != "continuous":

@@ -1,0 +1,85 @@
+"""Friction that the URDF itself gives: part of the starting model, and told apart from what was found.
+
+Descriptions often hold placeholders (10, 1, 20000). The loop then finds a change of them; what a reader wants is the
+total, with the URDF's share beside it, and to hear first where that share makes the model worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.loop.close import LoopResult
+from hybrid_dynamics.loop.diagnosis import NamedEffect, predict_run
+from hybrid_dynamics.loop.model import Model
+
+
+def announced(effects: Sequence[Effect]) -> str:
+    """One line: what the URDF's <dynamics> put into the starting model."""
+    each = [
+        f"{e.joints[0]} {next(iter(e.parameters.values())):g} {family(e.effect).parameters[0].unit}" for e in effects
+    ]
+    kinds = {"viscous_friction": "damping", "coulomb_friction": "friction"}
+    listed = "; ".join(
+        f"{kind} {', '.join(text for text, e in zip(each, effects, strict=True) if e.effect == name)}"
+        for name, kind in kinds.items()
+        if any(e.effect == name for e in effects)
+    )
+    return f"the URDF's <dynamics> belongs to the starting model ({listed}); --ignore-dynamics leaves it out"
+
+
+def with_described(result: LoopResult, described: Sequence[Effect]) -> LoopResult:
+    """``result`` of a loop that started from ``described``, in totals; where they make it worse is said first."""
+    if not described:
+        return result
+    named, notes = [], []
+    for entry in result.diagnosis.effects:
+        total, note = _total(entry, described)
+        named.append(total)
+        notes += note
+    first = [*_worse(result, described), announced(described)]
+    # The loop tells the same change in its own words; the total says more.
+    kept = [n for n in result.diagnosis.notes if "since the starting model" not in n]
+    diagnosis = replace(result.diagnosis, effects=tuple(named), notes=(*first, *notes, *kept))
+    return replace(result, diagnosis=diagnosis)
+
+
+def _total(entry: NamedEffect, described: Sequence[Effect]) -> tuple[NamedEffect, list[str]]:
+    effect = entry.effect
+    own = [d for d in described if d.effect == effect.effect and d.joints == effect.joints]
+    if not own:
+        return entry, []
+    parameters = {name: value + own[0].parameters[name] for name, value in effect.parameters.items()}
+    units = {p.name: p.unit for p in family(effect.effect).parameters}
+    notes = [
+        f"{effect.effect} of {effect.joints[0]}: {name} is {value:.4g} {units[name]} in all, of which the URDF gives "
+        f"{own[0].parameters[name]:.4g}"
+        for name, value in parameters.items()
+    ]
+    return replace(entry, effect=replace(effect, parameters=parameters)), notes
+
+
+def _worse(result: LoopResult, described: Sequence[Effect]) -> list[str]:
+    """Joints whose training error the description's friction makes larger."""
+    robot = result.model.robot
+    bare, start = Model(robot), Model(robot, tuple(described))
+
+    def rmse(model: Model) -> np.ndarray:
+        left = np.concatenate([run.tau - predict_run(model, run) for run in result.train])
+        return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
+
+    without, with_it = rmse(bare), rmse(start)
+    worse = [
+        f"{name} {a:.3g} -> {b:.3g} N m"
+        for name, a, b in zip(robot.joint_names, without, with_it, strict=True)
+        if b > 1.02 * a and any(d.joints == (name,) for d in described)
+    ]
+    if not worse:
+        return []
+    return [
+        f"the URDF's <dynamics> makes the training error larger: {', '.join(worse)}; it may be a placeholder: "
+        "correct it in the URDF, or leave it out with --ignore-dynamics"
+    ]
