@@ -116,6 +116,26 @@ def test_measured_velocity_is_used():
     assert np.abs(doubled - given).max() > 1.0
 
 
+def test_one_sample_at_a_time_is_the_whole_run():
+    """For a controller: the same torque, but for friction that remembers where it turned over."""
+    run = true_run(100.0)
+    spline = CubicSpline(run.time, run["q"], axis=0)
+    states = [spline(run.time, order)[::20] for order in range(3)]
+    load = Effect("load_dependent_friction", ("shoulder",), {"load_coefficient": 0.1}, {"sign_width": 0.05})
+    gain = Effect("torque_gain", ("elbow",), {"gain": 1.1})
+    model = Model(two_links(), (*EFFECTS, load, gain))
+    one = np.array([model.torque(*state) for state in zip(*states, strict=True)])
+    np.testing.assert_allclose(one, model.predict(*states), atol=1e-9)
+    memory = Effect("coulomb_friction", ("shoulder",), {"coulomb_torque": 1.0}, {"sign_travel": 0.01})
+    late = Effect("time_delay", (), {"delay": 0.01})
+    still = Model(two_links(), (memory, late)).torque([0.1, 0.2], [0.5, 0.0], [0.0, 0.0])
+    plain = Model(two_links()).torque([0.1, 0.2], [0.5, 0.0], [0.0, 0.0])
+    np.testing.assert_allclose(still - plain, [1.0, 0.0], atol=1e-9)
+    drift = Effect("drift", ("shoulder",), {"rate": 0.1, "time_constant": 100.0}, {"of": "offset"})
+    with pytest.raises(InputError, match="effect drift changes over the run"):
+        Model(two_links(), (drift,)).torque([0.1, 0.2], [0.5, 0.0], [0.0, 0.0])
+
+
 def test_a_log_of_another_robot_is_refused():
     run = true_run()
     with pytest.raises(InputError, match="holds 1 joints; robot two_links has 2"):

@@ -71,6 +71,25 @@ class Model:
         """
         return predict_planted(*self._planted, self.readings, q, dq, ddq, time)
 
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Torque (n,) [N m] at one state ``q dq ddq`` (n,), for a controller that asks at every tick.
+
+        Friction with a memory counts as without one, and a delay is left out: both need the past. What changes over
+        the run (drift, contacts) is refused (:class:`InputError`).
+
+        >>> from hybrid_dynamics import Model, Robot
+        >>> Model(Robot.from_urdf("robot.urdf")).torque([0.1, 0.0], [0.0, 0.0], [0.0, 0.0]).shape
+        (2,)
+        """
+        changed, law = self._momentary
+        rows = [np.asarray(a, float).reshape(1, -1) for a in (q, dq, ddq)]
+        now = Readings(self.readings.offset, self.readings.gain, 0.0)
+        return np.asarray(predict_planted(changed, law, now, *rows)[0])
+
+    @cached_property
+    def _momentary(self) -> tuple[Robot, StateTorque]:
+        return plant(self.robot, self.effects)
+
     def load_derivative(self, q: Array, dq: Array, ddq: Array) -> Array:
         """How much the effects' torque grows with the rigid-body torque, (T, n): friction that follows the load."""
         robot, torque = self._planted
