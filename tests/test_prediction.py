@@ -10,7 +10,8 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.exercise import exercise
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.prediction import predict
-from hybrid_dynamics.loop.uncertainty import Uncertainty
+from hybrid_dynamics.loop.process import ProcessSettings, process
+from hybrid_dynamics.loop.uncertainty import Uncertainty, correlation_of
 from hybrid_dynamics.trajectory import Trajectory
 
 
@@ -104,6 +105,22 @@ def test_correlated_parameters_give_another_band():
     for found, expected in ((opposite, 0.0), (together, 0.4), (alone, 0.2 * np.sqrt(2))):
         assert found.band is not None
         np.testing.assert_allclose(found.band[:, 1], expected, atol=1e-6)
+
+
+def test_parameters_that_the_runs_cannot_tell_apart_are_correlated():
+    """Two offsets of one joint make the same torque and go against each other; friction elsewhere does not."""
+    robot = two_links()
+    first = Effect("torque_offset", ("shoulder",), {"offset": 0.5}, std_errors={"offset": 0.1})
+    twin = Effect("torque_offset", ("shoulder",), {"offset": 0.2}, std_errors={"offset": 0.1})
+    viscous = {"viscous_coefficient": 1.0}
+    grease = Effect("viscous_friction", ("elbow",), viscous, std_errors={"viscous_coefficient": 0.1})
+    runs = [process(true_run(seed=k), robot, ProcessSettings()) for k in range(2)]
+    found = correlation_of(Model(robot, (first, twin, grease)), runs, np.ones(2))
+    assert found is not None
+    np.testing.assert_allclose(np.diag(found), 1.0)
+    assert found[0, 1] < -0.99
+    assert abs(found[0, 2]) < 0.1
+    assert correlation_of(Model(robot, (first,)), runs, np.ones(2)) is None
 
 
 def test_measured_velocity_is_used():

@@ -6,7 +6,7 @@ left on held-out runs, noise and whatever it does not explain. A collision thres
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.process import Run
 
 Array = NDArray[np.float64]
+#: Rows that the correlation is computed from, about; parameters it is computed for, at most.
+_ROWS, _MOST_PARAMETERS, _PRIOR = 5_000, 150, 1e-9
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,30 @@ class Uncertainty:
             for column in root.T:
                 variance += sum(w * change for w, change in zip(column, changes, strict=True)) ** 2
         return np.asarray(np.sqrt(variance))
+
+
+def correlation_of(model: Model, runs: Sequence[Run], residual: Array) -> Array | None:
+    """(P, P) correlation of the uncertain parameters as the training ``runs`` determine them together.
+
+    From the normal equations of the prediction's sensitivities on moving rows, each joint weighed by its ``residual``
+    (n,) [N m]. None where there is nothing to correlate, or more parameters than a file should hold.
+    """
+    count = len(uncertain_parameters(model.effects))
+    if not 2 <= count <= _MOST_PARAMETERS:
+        return None
+    normal = np.zeros((count, count))
+    stride = max(sum(len(run.time) for run in runs) // _ROWS, 1)
+    for run in runs:
+        rows = slice(None, None, stride)
+        changes = np.array(_changes(model, run.q[rows], run.dq[rows], run.ddq[rows], run.time[rows]))
+        weight = run.mask[rows] / np.where(residual > 0, residual, np.inf) ** 2
+        normal += np.einsum("atj,tj,btj->ab", changes, weight, changes, optimize=True)
+    size = np.sqrt(np.diag(normal))
+    size = np.where(size > 0, size, 1.0)
+    # What the runs leave open is held by a prior somewhere: a little of it here keeps the inverse bounded.
+    inverse = np.linalg.inv(normal / size[:, None] / size + _PRIOR * np.eye(count))
+    spread = np.sqrt(np.diag(inverse))
+    return np.asarray(np.clip(inverse / spread[:, None] / spread, -1.0, 1.0))
 
 
 def uncertain_parameters(effects: tuple[Effect, ...]) -> list[tuple[int, str]]:

@@ -8,10 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.loop.close import LoopResult
 from hybrid_dynamics.loop.diagnosis import Diagnosis, write_diagnosis
 from hybrid_dynamics.loop.model import save_model
+from hybrid_dynamics.loop.uncertainty import correlation_of
 from hybrid_dynamics.loop_report.report import report_html
 
 RESULT_FILES = ("diagnosis.json", "model.json", "report.html")
@@ -21,7 +24,11 @@ def write_result(folder: Path, result: LoopResult, provenance: Mapping[str, Any]
     """Write the three files to ``folder``, each atomically; the diagnosis last, so that its presence means all."""
     page = report_html(result)
     diagnosis = result.diagnosis
-    record: dict[str, Any] = {"uncertainty": {"residual": _residual(diagnosis)}}
+    residual = _residual(diagnosis)
+    record: dict[str, Any] = {"uncertainty": {"residual": residual}}
+    correlation = correlation_of(result.model, result.train, np.array(residual))
+    if correlation is not None:
+        record["uncertainty"]["correlation"] = [[round(float(v), 6) + 0.0 for v in row] for row in correlation]
     if provenance is not None:
         diagnosis = replace(diagnosis, provenance=dict(provenance))
         record["provenance"] = dict(provenance)
