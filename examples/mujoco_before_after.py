@@ -2,7 +2,7 @@
 
     python examples/mujoco_before_after.py                        # prints the errors, writes before_after.png
 
-Needs the extra: pip install 'hybrid-dynamics[export]'.
+Needs: pip install 'hybrid-dynamics[export]' matplotlib
 """
 
 from __future__ import annotations

@@ -227,3 +227,38 @@ def test_a_law_that_follows_accelerations_enters_the_masses(robot):
     )
     zero = np.zeros(3)
     assert np.asarray(at(zero, zero, zero) - before(zero, zero, zero)) == pytest.approx(np.diag([0.5, 0, 0]), abs=1e-12)
+
+
+MIMIC = """<robot name="gripper"><link name="base"/>
+<link name="a"><inertial><origin xyz="0 0 0.1"/><mass value="2"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="b"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+<inertia ixx="0.05" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="lead" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="3"/></joint>
+<joint name="follow" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 0.3"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="3"/><mimic joint="lead" multiplier="-0.5" offset="0.2"/></joint>
+</robot>
+"""
+
+
+def test_a_joint_that_follows_another_is_part_of_its_torque(tmp_path):
+    """Not simply left out: with the follower held still the torque is another one."""
+    urdf = tmp_path / "gripper.urdf"
+    urdf.write_text(MIMIC)
+    robot = Robot.from_urdf(urdf)
+    assert robot.joint_names == ("lead",)
+    model = Model(robot, (Effect("viscous_friction", ("lead",), {"viscous_coefficient": 0.4}),))
+    _, q, dq, ddq = motion(1)
+    ours = model.predict(q, dq, ddq)
+    path = saved(model, tmp_path)
+    export(path, urdf, "python", tmp_path / "arm.py")
+    assert imported(tmp_path / "arm.py").torque(q, dq, ddq) == pytest.approx(ours, rel=1e-12, abs=1e-12)
+    export(path, urdf, "urdf", tmp_path / "out.urdf")
+    assert Robot.from_urdf(tmp_path / "out.urdf").inverse_dynamics(q, dq, ddq) == pytest.approx(
+        robot.inverse_dynamics(q, dq, ddq), abs=1e-12
+    )
+    export(path, urdf, "mjcf", tmp_path / "out.xml")
+    assert 'joint1="follow" joint2="lead" polycoef="0.2 -0.5 0.0 0.0 0.0"' in (tmp_path / "out.xml").read_text()
+    still = Robot.from_urdf(urdf, ("follow",))
+    assert np.abs(still.inverse_dynamics(q, dq, ddq) - robot.inverse_dynamics(q, dq, ddq)).max() > 0.1

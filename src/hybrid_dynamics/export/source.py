@@ -42,9 +42,7 @@ class Source:
     @classmethod
     def read(cls, model: Path, urdf: Path, lock: tuple[str, ...] = ()) -> Source:
         """Read both files; :class:`InputError` names what is unusable or does not fit together."""
-        robot = Robot.from_urdf(urdf, lock)
-        robot.demand_no_mimics("an export")
-        completed = load_model(model, robot)
+        completed = load_model(model, Robot.from_urdf(urdf, lock))
         block = read_model(model).get("uncertainty")
         return cls(completed, urdf, lock, None if block is None else uncertainty_from(block))
 
