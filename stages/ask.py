@@ -10,7 +10,7 @@ from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.study.datasets import ReaderSettings, Run, TwinSettings, read_run, twin_runs
 from hybrid_dynamics.study.sources import read_source
-from hybrid_dynamics.trajectory import RECORDED, Trajectory
+from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN, Trajectory
 from stages.common import dataset_argument, progress_bar
 
 
@@ -39,7 +39,9 @@ def main() -> None:
             result = close_loop(
                 robot, logs, [], settings, start, progress=lambda text, share, tell=progress: tell(share, text)
             )
-        write_result(files.questions / question, result)
+        write_result(
+            files.questions / question, result, origin=RECORDED if recorded else SIMULATED_TWIN, keep_content=True
+        )
         named = ", ".join(e.effect.effect for e in result.diagnosis.effects) or "nothing"
         print(f"{files.dataset}: {question}: {result.diagnosis.verdict}; named: {named}")
 

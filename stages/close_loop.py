@@ -3,6 +3,7 @@
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.loop import LoopSettings, close_loop
+from hybrid_dynamics.loop.provenance import provenance_of
 from hybrid_dynamics.loop_report.output import write_result
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.config import load_params, section
@@ -18,12 +19,13 @@ def main() -> None:
     # Simulated torque is held over the control period; differentiate has moved state and torque to one instant.
     runs = read_trajectories(files.derivatives if provenance == SIMULATED else files.trajectories)
     train, test = ([run for run in runs if run.split == split] for split in ("train", "test"))
-    folder = files.model("loop")
+    folder, robot = files.model("loop"), Robot.from_urdf(files.robot)
     with progress_bar(f"{files.dataset}: close_loop") as progress, measured(files.timing("loop")):
-        result = close_loop(
-            Robot.from_urdf(files.robot), train, test, settings, progress=lambda text, share: progress(share, text)
-        )
-    write_result(folder, result)
+        result = close_loop(robot, train, test, settings, progress=lambda text, share: progress(share, text))
+    log = files.derivatives if provenance == SIMULATED else files.trajectories
+    command = {"stage": f"close_loop@{files.dataset}"}
+    origin = provenance_of(robot, settings, command=command, urdf=files.robot, train=[log])
+    write_result(folder, result, origin, provenance, keep_content=True)
     write_text(folder / "steps.csv", step_table(result, files.dataset, provenance).to_csv(index=False))
     print(f"{files.dataset}: {result.diagnosis.verdict}, {len(result.diagnosis.effects)} effects named")
 

@@ -12,7 +12,8 @@ from hybrid_dynamics.study.datasets import RobotSettings, picture_of
 from hybrid_dynamics.study.layout import REPORTS, BlindFiles, DatasetFiles
 from hybrid_dynamics.study.park.collect import collect_park
 from hybrid_dynamics.study.report import write_report
-from hybrid_dynamics.study.report.sections import blind_section, derivative_section, study_sections
+from hybrid_dynamics.study.report.campaign import campaign_sections
+from hybrid_dynamics.study.report.sections import derivative_section, study_sections
 from hybrid_dynamics.study.results import StudyInputs
 
 
@@ -33,17 +34,14 @@ def main() -> None:
         without = f"; left out: {', '.join(left_out)}" if left_out else ""
         print(f"park: {len(arms) - len(left_out)} of {len(arms)} arms{without}")
     compared = section(params, "compared", list[str])
-    extra = (
-        blind_section(REPORTS / "blind.csv") if scores else None,
-        *(derivative_section(DatasetFiles(name).derivative_errors) for name in compared),
-    )
+    extra = [derivative_section(DatasetFiles(name).derivative_errors) for name in compared]
     study = StudyInputs(
         data=Path("data"),
         datasets=tuple(names),
         titles={name: section(params, f"dataset.{name}.title", str) for name in names},
         pictures={name: path for name, robot in robots.items() if (path := picture_of(robot)) is not None},
         blind=REPORTS / "blind.csv" if scores else None,
-        sections=(*study_sections(names), *filter(None, extra)),
+        sections=(*study_sections(names), *campaign_sections(REPORTS), *filter(None, extra)),
     )
     print(f"report: {write_report(study, REPORTS)}")
 

@@ -78,9 +78,11 @@ def test_a_loop_worse_than_the_yardstick_is_told_and_a_twin_claims_nothing(tmp_p
     assert not list(loop_checks(worse))
 
 
-def cases(wrong: int = 0, after: float = 1.0, floor: float = 1.0, error: float = 0.005) -> pd.DataFrame:
+def cases(
+    wrong: int = 0, after: float = 1.0, floor: float = 1.0, error: float = 0.005, count: int = 160
+) -> pd.DataFrame:
     rows = []
-    for k in range(40):
+    for k in range(count):
         hidden = ("viscous_friction", "payload armature", None, "payload")[k % 4]
         rows.append(
             {
@@ -94,8 +96,13 @@ def cases(wrong: int = 0, after: float = 1.0, floor: float = 1.0, error: float =
 
 def test_claims_on_hidden_effects_follow_their_cases():
     assert [c.met for c in blind_checks(cases())] == [True] * 6
-    assert [c.measured for c in blind_checks(cases(wrong=3))][:3] == ["19 of 20", "9 of 10", "9 of 10"]
-    assert [c.met for c in blind_checks(cases(wrong=3))][:3] == [False, False, False]
+    measured = [c.measured.split(" (")[0] for c in blind_checks(cases(wrong=15))]
+    assert measured[:3] == ["72 of 80", "36 of 40", "37 of 40"]
+    assert [c.met for c in blind_checks(cases(wrong=15))][:3] == [False, False, False]
+    # Ten of ten are no evidence of 97 %.
+    few = list(blind_checks(cases(count=20)))[:3]
+    assert [(c.met, c.n) for c in few] == [(None, 10), (None, 5), (None, 5)]
+    assert "too few cases" in few[0].measured
     assert [c.met for c in blind_checks(cases(error=0.02))][3] is False
     assert [c.met for c in blind_checks(cases(after=1.2))][4] is False
     assert [c.met for c in blind_checks(cases(floor=0.7))][5] is False

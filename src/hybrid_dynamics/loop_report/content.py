@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +17,8 @@ from hybrid_dynamics.files import write_text
 
 Numbers = tuple[float, ...]
 
+#: Where the study's stages leave the content beside the loop's other files.
+CONTENT_FILE = "page.json"
 #: Kinds of effects in the order of the page, and the variable that a kind is drawn against.
 KINDS = {
     "friction": "Friction",
@@ -53,6 +55,11 @@ class Curve:
     missing: Numbers
     added: Numbers
     run: tuple[int, ...]
+
+    def thinned(self, points: int) -> Curve:
+        """Every so many samples of it, at most ``points``."""
+        step = slice(None, None, max(-(-len(self.x) // points), 1))
+        return replace(self, x=self.x[step], missing=self.missing[step], added=self.added[step], run=self.run[step])
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,6 +10,9 @@ from hybrid_dynamics.loop_report import plots, words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import KINDS
 from hybrid_dynamics.loop_report.sections import LEFT, Answer, Effects, LoopSection, range_of
+
+#: Points of a curve on a page over many loops.
+LIGHT_POINTS = 200
 
 
 class Evidence(LoopSection):
@@ -36,6 +40,7 @@ class Evidence(LoopSection):
                     f"{title}. Points: torque missing on held-out runs without these effects; line: what they "
                     f"add, over {curve.axis}; band: twice the noise floor of {words.number(curve.noise, 2)} N m."
                 )
+                curve = curve.thinned(LIGHT_POINTS) if self.light else curve
                 figure = plots.curve_figure(curve, self.content.test_runs, curve.joint if len(group.curves) > 1 else "")
                 figures.append(book.add(figure, alt, plots.CURVE_HEIGHT))
             shown.append(
@@ -211,13 +216,26 @@ class Reproduce(LoopSection):
         known = dict(self.diagnosis.get("provenance") or {})
         command = known.pop("command", None)
         return {
-            "command": command if isinstance(command, str) or command is None else " ".join(map(str, command)),
+            "command": shell_line(command) if isinstance(command, Mapping) else command,
             "rows": list(_flat(known)),
             "train": self.content.train_runs,
             "test": self.content.test_runs,
             "origin": self.content.provenance,
             "schema": self.diagnosis["schema"],
         }
+
+
+def shell_line(command: Mapping[str, Any]) -> str:
+    """What to type to get the same again: a stage of the study, or the options of a command."""
+    if "stage" in command:
+        return f"dvc repro {command['stage']}"
+    parts = ["hybrid-dynamics", str(command.get("command", "close-loop"))]
+    for key, value in command.items():
+        given = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+        if key == "command" or value is False or given in ([None], []):
+            continue
+        parts += [f"--{key.replace('_', '-')}", *(shlex.quote(str(item)) for item in given if item is not True)]
+    return " ".join(parts)
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:

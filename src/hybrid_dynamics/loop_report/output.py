@@ -15,14 +15,25 @@ from hybrid_dynamics.loop.close import LoopResult
 from hybrid_dynamics.loop.diagnosis import Diagnosis, write_diagnosis
 from hybrid_dynamics.loop.model import save_model
 from hybrid_dynamics.loop.uncertainty import correlation_of
-from hybrid_dynamics.loop_report.report import report_html
+from hybrid_dynamics.loop_report.content import CONTENT_FILE, write_content
+from hybrid_dynamics.loop_report.gather import gather
+from hybrid_dynamics.loop_report.report import content_html
 
 RESULT_FILES = ("diagnosis.json", "model.json", "report.html")
 
 
-def write_result(folder: Path, result: LoopResult, provenance: Mapping[str, Any] | None = None) -> None:
-    """Write the three files to ``folder``, each atomically; the diagnosis last, so that its presence means all."""
-    page = report_html(result)
+def write_result(
+    folder: Path,
+    result: LoopResult,
+    provenance: Mapping[str, Any] | None = None,
+    origin: str = "",
+    keep_content: bool = False,
+) -> None:
+    """Write the three files to ``folder``, each atomically; the diagnosis last, so that its presence means all.
+
+    ``provenance`` is what the page can be made from again, ``origin`` says where the logs come from (``recorded``).
+    ``keep_content`` leaves what the page was made from as well, for a page over many loops.
+    """
     diagnosis = result.diagnosis
     residual = _residual(diagnosis)
     record: dict[str, Any] = {"uncertainty": {"residual": residual}}
@@ -32,7 +43,11 @@ def write_result(folder: Path, result: LoopResult, provenance: Mapping[str, Any]
     if provenance is not None:
         diagnosis = replace(diagnosis, provenance=dict(provenance))
         record["provenance"] = dict(provenance)
+    content = gather(replace(result, diagnosis=diagnosis), origin)
+    page = content_html(content)
     save_model(folder / "model.json", result.model, record)
+    if keep_content:
+        write_content(folder / CONTENT_FILE, content)
     write_text(folder / "report.html", page)
     write_diagnosis(folder / "diagnosis.json", diagnosis)
 

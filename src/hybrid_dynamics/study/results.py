@@ -12,6 +12,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop_report.content import Content
 from hybrid_dynamics.robots.urdf import movable_joints, read_urdf
 from hybrid_dynamics.study.evaluation import ERROR_COLUMNS, POOL
 from hybrid_dynamics.study.extrapolation import Extrapolation, extrapolation
@@ -28,13 +29,16 @@ ZERO_TORQUE = 1e-9
 class Section:
     """A ready piece of HTML for the report: under ``dataset``, or at the end of the study where it is empty.
 
-    ``html`` must be self-contained (data URIs only). ``name`` becomes the anchor.
+    ``html`` must be self-contained (data URIs only). ``name`` becomes the anchor. ``loop`` is the content of a closed
+    loop, drawn by the loop's own sections after ``html``; ``evidence`` says whether its laws are drawn too.
     """
 
     name: str
     title: str
     html: str
     dataset: str = ""
+    loop: Content | None = None
+    evidence: bool = True
 
 
 @dataclass(frozen=True)
@@ -59,12 +63,16 @@ class StudyInputs:
 
 @dataclass(frozen=True)
 class Check:
-    """One claim with the number that decides it. ``met`` None means that it is reported, not required."""
+    """One claim with the number that decides it, found on ``n`` cases.
+
+    ``met`` None means that it is reported, not required, or that the cases are too few to decide.
+    """
 
     dataset: str
     claim: str
     measured: str
     met: bool | None
+    n: int | None = None
 
 
 @dataclass(frozen=True)

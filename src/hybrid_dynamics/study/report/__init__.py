@@ -1,6 +1,16 @@
 """From result files to tables, figures and the report."""
 
+from hybrid_dynamics.study.report.campaign import benchmark_section, blind_section, campaign_sections, park_section
 from hybrid_dynamics.study.report.report import write_report
-from hybrid_dynamics.study.report.sections import blind_section, derivative_section, loop_section, study_sections
+from hybrid_dynamics.study.report.sections import derivative_section, loop_section, study_sections
 
-__all__ = ["blind_section", "derivative_section", "loop_section", "study_sections", "write_report"]
+__all__ = [
+    "benchmark_section",
+    "blind_section",
+    "campaign_sections",
+    "derivative_section",
+    "loop_section",
+    "park_section",
+    "study_sections",
+    "write_report",
+]

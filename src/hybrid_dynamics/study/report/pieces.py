@@ -21,7 +21,7 @@ TERM_HEADS = {"tau_inertia": "τ<sub>i</sub>", "tau_coriolis": "τ<sub>c</sub>",
 def check_table(checked: Sequence[Check]) -> str:
     """The claims with the number that decides each."""
     marks = {True: ("met", "✓ met"), False: ("missed", "✗ not met"), None: ("open", "reported")}
-    rows = []
+    rows: list[list[Cell | str]] = []
     for check in checked:
         kind, text = marks[check.met]
         rows.append(
@@ -29,10 +29,11 @@ def check_table(checked: Sequence[Check]) -> str:
                 Cell(escape(check.dataset), "text"),
                 Cell(escape(check.claim), "text"),
                 Cell(escape(check.measured), "text"),
+                "–" if check.n is None else str(check.n),
                 Cell(f'<span class="{kind}">{text}</span>', "text"),
             ]
         )
-    return table(["Dataset", "Claim", "Measured", "Verdict"], rows)
+    return table(["Dataset", "Claim", "Measured", "n", "Verdict"], rows, kind="claims")
 
 
 def error_table(result: DatasetResults, split: str, caption: str, reference: paper.ErrorTable | None) -> str:
@@ -58,33 +59,35 @@ def run_tables(result: DatasetResults, split: str) -> str:
 
 
 def _error_rows(errors: pd.DataFrame, pooled: pd.Series, caption: str, reference: paper.ErrorTable | None) -> str:
-    methods = [str(method) for method in errors.columns]
+    """A row per method, so that no method leaves the page; a column per joint, pooled first."""
+    learned = [m for m in errors.columns if m not in REFERENCES]
+    least = errors[learned].min(axis=1)
+    best = min((float(pooled[m]) for m in learned if math.isfinite(pooled[m])), default=math.nan)
     rows: list[list[Cell | str]] = []
-    for joint, values in zip(errors.index, errors.to_numpy(), strict=True):
-        finite = [v for m, v in zip(methods, values, strict=True) if math.isfinite(v) and m not in REFERENCES]
-        best = min(finite) if finite else math.nan
-        row: list[Cell | str] = [str(joint)]
-        for method, value in zip(methods, values, strict=True):
-            kind = "best" if value == best else "poor" if value > 1 else ""
+    for method in errors.columns:
+        whole = float(pooled[method])
+        row = [Cell(escape(label(str(method))), "text"), Cell(format_value(whole), "best" if whole == best else "")]
+        for joint in errors.index:
+            value = float(errors.loc[joint, method])
+            kind = "best" if method in learned and value == least[joint] else "poor" if value > 1 else ""
             text = format_value(value)
-            theirs = reference.value(method, int(joint)) if reference else None
+            theirs = reference.value(str(method), int(joint)) if reference else None
             if theirs is not None:
                 text += f'<small class="paper">paper {theirs:.3f}</small>'
             row.append(Cell(text, kind))
-        rows.append(row)
-    rows.append(["pooled", *[Cell(format_value(float(pooled[method]))) for method in methods]])
-    return table(["Joint", *[escape(label(m)) for m in methods]], rows, caption, last="pool")
+        rows.append([*row])
+    return table(["Method", "pooled", *(f"joint {joint}" for joint in errors.index)], rows, caption, kind="errors")
 
 
 def joint_errors(result: DatasetResults, split: str) -> str:
     """RMSE in N m per joint and method, folded away."""
     errors = result.pooled(split, "rmse")
     rows: list[list[Cell | str]] = [
-        [str(joint), *[Cell(f"{value:.4g}") for value in values]]
-        for joint, values in zip(errors.index, errors.to_numpy(), strict=True)
+        [Cell(escape(label(str(method))), "text"), *(Cell(f"{value:.4g}") for value in errors[method])]
+        for method in errors.columns
     ]
     kind = "Held-out" if split == "test" else "Training"
-    return details(f"{kind} RMSE in N m", table(["Joint", *[escape(label(str(m))) for m in errors.columns]], rows))
+    return details(f"{kind} RMSE in N m", table(["Method", *(f"joint {j}" for j in errors.index)], rows))
 
 
 def best_beside_rigid_body(result: DatasetResults) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -10,7 +11,11 @@ import pandas as pd
 
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.loop_report import html
+from hybrid_dynamics.loop_report.book import FigureBook
+from hybrid_dynamics.loop_report.details import STUDY_PART
 from hybrid_dynamics.loop_report.html import Heading, escape
+from hybrid_dynamics.loop_report.page import render_page, render_section
+from hybrid_dynamics.loop_report.sections import Answer
 from hybrid_dynamics.study.claims import paper
 from hybrid_dynamics.study.claims.checks import checks
 from hybrid_dynamics.study.claims.coefficients import damping_of
@@ -22,6 +27,9 @@ from hybrid_dynamics.study.results import Check, DatasetResults, Section, StudyI
 from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN, Trajectory, iter_trajectories
 
 TITLE = "Interpretable hybrid robot dynamics: the study"
+
+#: Bytes of images in the page: what the plotting library and the tables leave of three megabytes.
+IMAGES_LIMIT = 750_000
 
 
 def write_report(study: StudyInputs, out_dir: Path) -> Path:
@@ -37,21 +45,30 @@ def write_report(study: StudyInputs, out_dir: Path) -> Path:
     _opening(writer, results, checked)
     for result in results:
         _dataset(writer, result, study, out_dir / "figures")
-    _closing(writer, results, study)
+    _closing(writer, results, checked, study)
     path = out_dir / "index.html"
-    write_text(path, html.page(TITLE, "\n".join(writer.parts), writer.headings))
+    write_text(path, render_page(TITLE, writer.parts, writer.book, writer.headings, kind="study"))
     return path
 
 
 class _Page:
-    """Collects the page's parts and its headings."""
+    """Collects the page's parts, its headings and its interactive figures."""
 
     def __init__(self) -> None:
         self.parts: list[str] = []
         self.headings: list[Heading] = []
+        self.book = FigureBook()
+        self._images = 0
 
     def add(self, *parts: str) -> None:
         self.parts += [part for part in parts if part]
+
+    def image(self, content: bytes, path: Path, caption: str, css: str = "") -> str:
+        """An image, embedded as long as the page stays light; then the place of its file, beside the page."""
+        self._images += len(content)
+        if self._images > IMAGES_LIMIT:
+            return f"<p class='note'>{escape(caption)} Drawn in <code>figures/{escape(path.name)}</code>.</p>"
+        return html.figure(content, escape(caption), caption, "webp", css)
 
     def heading(self, level: int, title: str, anchor: str, after: str = "", in_contents: str = "") -> None:
         self.headings.append(Heading(level, title + in_contents, html.slug(anchor)))
@@ -75,14 +92,18 @@ def _opening(page: _Page, results: Sequence[DatasetResults], checked: Sequence[C
             f"{'it' if len(twins) == 1 else 'them'} is a statement about the real arm.</p>"
         )
     if required:
-        page.add(f"<p class='lead'><b>{met} of {len(required)}</b> required claims are met by the numbers below.</p>")
-    page.add(pieces.check_table(checked) if checked else "", "<!-- contents -->")
+        undecided = sum(check.met is None and check.n is not None for check in checked)
+        more = f"; {undecided} rest on too few cases to decide" if undecided else ""
+        page.add(
+            f"<p class='lead'><b>{met} of {len(required)}</b> required claims are met by the numbers below{more}: "
+            "<a href='#claims'>all claims</a>, after the data they rest on.</p>"
+        )
     page.heading(2, "What was run", "what-was-run")
     page.add(_inventory(results))
     page.add(
         "<p class='note'>Errors: <b>relative RMSE</b> of joint j is rms(τ<sub>j</sub> − τ̂<sub>j</sub>) / "
         "std(τ<sub>j</sub>) (1 is as bad as predicting the mean); <b>pooled</b> is ‖τ − τ̂‖ / ‖τ‖ over all joints. "
-        "Bold on green: the best of the row; red: above 1. Small grey numbers are the paper's.</p>"
+        "Bold on green: the best of the column; red: above 1. Small grey numbers are the paper's.</p>"
     )
     methods = in_order(method for result in results for method in result.methods)
     rows = [[html.Cell(escape(label(m)), "text"), html.Cell(escape(what(m)), "text")] for m in methods]
@@ -112,7 +133,7 @@ def _dataset(page: _Page, result: DatasetResults, study: StudyInputs, folder: Pa
     best = _best(result)
     page.add(_sentence(result, best))
     if result.name in study.pictures:
-        page.add(_picture(result, study.pictures[result.name], folder))
+        page.add(_picture(page, result, study.pictures[result.name], folder))
     page.add(pieces.best_beside_rigid_body(result))
     if result.extrapolation is not None:
         page.add(
@@ -124,7 +145,7 @@ def _dataset(page: _Page, result: DatasetResults, study: StudyInputs, folder: Pa
     for split in ("train", "test"):
         if result.trajectories(split):
             page.add(_errors(result, split))
-    page.add(*_error_figures(result, folder, best))
+    page.add(*_error_figures(page, result, folder, best))
     if damping_of(result) is not None and len(result.expressions):
         page.heading(3, "Table III: the identified models", f"{result.name}-models")
         page.add(
@@ -148,9 +169,9 @@ def _dataset(page: _Page, result: DatasetResults, study: StudyInputs, folder: Pa
             "What each further node buys: candidates of the first round (line) and the expression after all rounds, "
             "its constants fitted again (star)."
         )
-        page.add(_figure(drawn, folder / f"{result.name}_fronts.svg", caption))
+        page.add(_figure(page, drawn, folder / f"{result.name}_fronts.svg", caption))
     page.heading(3, "Motion", f"{result.name}-motion")
-    page.add(*_motion_figures(result, folder))
+    page.add(*_motion_figures(page, result, folder))
 
 
 def _best(result: DatasetResults) -> str:
@@ -190,12 +211,12 @@ def _errors(result: DatasetResults, split: str) -> str:
     )
 
 
-def _figure(drawn: figures.Figure, path: Path, caption: str) -> str:
-    content = figures.save(drawn, path)
-    return html.figure(content, escape(caption), caption, path.suffix.lstrip("."))
+def _figure(page: _Page, drawn: figures.Figure, path: Path, caption: str) -> str:
+    figures.save(drawn, path)
+    return page.image(figures.light(drawn), path, caption)
 
 
-def _picture(result: DatasetResults, urdf: Path, folder: Path) -> str:
+def _picture(page: _Page, result: DatasetResults, urdf: Path, folder: Path) -> str:
     trajectory = _first(result.folder / "trajectories.parquet", "test")
     if trajectory is None:
         return ""
@@ -206,7 +227,7 @@ def _picture(result: DatasetResults, urdf: Path, folder: Path) -> str:
         f"The simulated arm in its pose at t = {trajectory.time[row]:.2f} s of run {trajectory.name}, drawn from the "
         "meshes of its URDF (the paper's Fig. 1)."
     )
-    return html.figure(content, escape(caption), f"{result.robot} in its pose", css="arm")
+    return page.image(figures.webp(content), folder / f"{result.name}_arm.png", caption, css="arm")
 
 
 def _first(path: Path, split: str) -> Trajectory | None:
@@ -217,17 +238,17 @@ def _first(path: Path, split: str) -> Trajectory | None:
     return None
 
 
-def _motion_figures(result: DatasetResults, folder: Path) -> Iterator[str]:
+def _motion_figures(page: _Page, result: DatasetResults, folder: Path) -> Iterator[str]:
     rollout = _first(result.folder / "trajectories.parquet", "train")
     if rollout is not None:
         drawn = figures.rollout(_thin(rollout), f"{result.title}: run {rollout.name}")
         caption = f"States and torques of run {rollout.name} (the paper's Fig. 2)."
-        yield _figure(drawn, folder / f"{result.name}_rollout.png", caption)
+        yield _figure(page, drawn, folder / f"{result.name}_rollout.png", caption)
     derived = _first(result.folder / "derivatives.parquet", "train")
     if derived is not None:
         drawn = figures.derivatives(_thin(derived), f"{result.title}: run {derived.name}")
         caption = f"Positions and estimated velocity, acceleration and jerk of run {derived.name} (the paper's Fig. 3)."
-        yield _figure(drawn, folder / f"{result.name}_derivatives.png", caption)
+        yield _figure(page, drawn, folder / f"{result.name}_derivatives.png", caption)
 
 
 def _thin(trajectory: Trajectory, points: int = 6000) -> Trajectory:
@@ -235,11 +256,11 @@ def _thin(trajectory: Trajectory, points: int = 6000) -> Trajectory:
     return trajectory.rows(slice(None, None, step))
 
 
-def _error_figures(result: DatasetResults, folder: Path, best: str) -> Iterator[str]:
+def _error_figures(page: _Page, result: DatasetResults, folder: Path, best: str) -> Iterator[str]:
     if result.trajectories("test"):
         drawn = figures.error_bars(result.pooled("test"), f"{result.title}: held-out runs")
         yield _figure(
-            drawn, folder / f"{result.name}_errors.svg", "Relative RMSE of every method on the held-out runs."
+            page, drawn, folder / f"{result.name}_errors.svg", "Relative RMSE of every method on the held-out runs."
         )
     table = result.predictions
     if table.empty:
@@ -249,21 +270,31 @@ def _error_figures(result: DatasetResults, folder: Path, best: str) -> Iterator[
         if (table["split"] == split).any() and shown:
             drawn = figures.predictions(table, split, shown, f"{result.title}, measured and predicted torque")
             caption = f"Measured and predicted torque per joint, {split} (the paper's Fig. 4)."
-            yield _figure(drawn, folder / f"{result.name}_torque_{split}.png", caption)
+            yield _figure(page, drawn, folder / f"{result.name}_torque_{split}.png", caption)
     if (table["split"] == "test").any() and {"rigid_body", best} <= set(table["method"]):
         drawn = figures.residuals(table, "test", best, f"{result.title}, what is missing before and after")
         caption = "Residual per joint on a held-out run: after the rigid body alone, and after the best model."
-        yield _figure(drawn, folder / f"{result.name}_residual.png", caption)
+        yield _figure(page, drawn, folder / f"{result.name}_residual.png", caption)
 
 
 def _section(page: _Page, section: Section, result: DatasetResults | None) -> None:
     level = 3 if result is not None else 2
     after = f" {html.badge(result.provenance)}" if result is not None else ""
-    page.heading(level, section.title, f"{section.dataset}-{section.name}", after)
+    anchor = html.slug(f"{section.dataset}-{section.name}")
+    page.heading(level, section.title, anchor, after)
     page.add(section.html)
+    if section.loop is None:
+        return
+    content = section.loop
+    if not section.evidence:
+        content = replace(content, groups=tuple(replace(group, curves=()) for group in content.groups))
+    for kind in STUDY_PART:
+        part = kind(content, prefix=f"{anchor}-", light=True)
+        if part.wanted:
+            page.add(render_section(part, page.book, level + 1, heading=kind is not Answer))
 
 
-def _closing(page: _Page, results: Sequence[DatasetResults], study: StudyInputs) -> None:
+def _closing(page: _Page, results: Sequence[DatasetResults], checked: Sequence[Check], study: StudyInputs) -> None:
     for section in study.sections:
         if not section.dataset:
             _section(page, section, None)
@@ -271,6 +302,13 @@ def _closing(page: _Page, results: Sequence[DatasetResults], study: StudyInputs)
         if Path(path).exists():
             page.heading(2, title, title)
             page.add(pieces.frame_table(read_csv(Path(path))))
+    if checked:
+        page.heading(2, "Claims", "claims")
+        page.add(
+            "<p>What the paper and the loop set out to show, and the number that decides it. n: cases it was found on; "
+            "a share counted on few cases decides nothing.</p>",
+            pieces.check_table(checked),
+        )
     timing = timing_table(results)
     if len(timing):
         page.heading(2, "Training time and memory", "timing")
