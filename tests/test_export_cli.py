@@ -5,8 +5,9 @@ import os
 import stat
 import sys
 
+import numpy as np
 import pytest
-from tests.support_export import FINGER, saved
+from tests.support_export import FINGER, imported, saved
 
 from hybrid_dynamics.cli import main
 from hybrid_dynamics.effects import Effect
@@ -74,6 +75,20 @@ def test_strict_makes_the_loss_an_error(form, path, tmp_path, capsys):
     assert code == 2
     assert err.startswith(f"error: {form} cannot carry stribeck_friction")
     assert not out.exists()
+
+
+def test_effects_that_runs_contradict_are_left_out_and_that_is_said(model, robot, tmp_path, capsys):
+    """An inactive effect of model.json is on record only: no torque of it in the file, and its name on the console."""
+    third = robot.joint_names[2]
+    refused = Effect("torque_offset", (third,), {"offset": 5.0})
+    path = saved(model.with_inactive([refused]), tmp_path)
+    out = tmp_path / "arm.py"
+    code, _, noted = run(capsys, *arguments(path, "python", out))
+    assert code == 0
+    assert f"left out, held-out runs contradict it: torque_offset ({third})" in noted
+    assert "Left out, because held-out runs contradict them:" in out.read_text()
+    still = np.zeros(robot.n_joints)
+    assert imported(out).residual(still, still, still, still) == pytest.approx(still, abs=1e-12)
 
 
 def test_strict_is_content_where_all_is_carried(path, tmp_path, capsys):
