@@ -10,8 +10,9 @@ from tests.two_links import URDF, two_links
 
 from hybrid_dynamics.cli import main
 from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.engine import Local
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.fleet import LocalEngine, read_manifest, run_fleet
+from hybrid_dynamics.fleet import read_manifest, run_fleet
 from hybrid_dynamics.fleet import run as fleet_run
 from hybrid_dynamics.fleet.tables import CHANGE_COLUMNS, trends
 from hybrid_dynamics.loop.exercise import exercise
@@ -91,10 +92,24 @@ def test_what_is_done_is_kept_and_what_changed_is_done_again(yard, done, monkeyp
 
 def test_two_processes_give_the_same_bytes(yard, done, tmp_path):
     entries = read_manifest(yard / "runs.parquet")[:2]
-    run_fleet(entries, tmp_path / "fleet", engine=LocalEngine(2))
+    run_fleet(entries, tmp_path / "fleet", engine=Local(2))
     for entry in entries:
         name = f"runs/{entry.name}/diagnosis.json"
         assert (tmp_path / "fleet" / name).read_bytes() == (done / name).read_bytes()
+
+
+def test_parts_done_by_several_machines_make_the_whole(yard, done, tmp_path):
+    """As the tasks of a batch system's array do it; the run over all entries finds everything done."""
+    entries = read_manifest(yard / "runs.parquet")[:3]
+    for k in (1, 2):
+        part = run_fleet(entries, tmp_path / "fleet", part=(k, 2))
+        assert [o.name for o in part.outcomes] == [e.name for e in entries[k - 1 :: 2]]
+        assert part.tables == ()
+    whole = run_fleet(entries, tmp_path / "fleet")
+    assert [o.state for o in whole.outcomes] == ["kept"] * 3
+    assert all(path.is_file() for path in whole.tables)
+    with pytest.raises(InputError, match="part is 3/2"):
+        run_fleet(entries, tmp_path / "fleet", part=(3, 2))
 
 
 def _end(item: int) -> int:
@@ -107,7 +122,7 @@ def _end(item: int) -> int:
 
 def test_a_killed_worker_is_one_line():
     with pytest.raises(InputError, match="a worker process was killed"):
-        list(LocalEngine(2).map(_end, [0, 1, 2]))
+        list(Local(2).unordered(_end, [0, 1, 2]))
 
 
 def test_the_command_tells_and_the_exit_code_says_that_one_was_refused(yard, done, capsys, monkeypatch):

@@ -87,8 +87,8 @@ def _ours(effect: str, folder: Path) -> float:
         logs.append(Trajectory(f"run{k}", split, run["time"], {"q": run["q"], "tau": run["tau"]}))
     robot = Robot.from_urdf(folder / "arm.urdf")
     diagnosis = close_loop(robot, logs[:1], logs[1:], LoopSettings(effects=tuple(TRUTH))).diagnosis
-    entries = [e for e in diagnosis["effects"] if e["effect"] == effect]
-    return float(entries[0]["parameters"][0]["value"]) if entries else float("nan")
+    values = [e.effect.parameters for e in diagnosis.effects if e.effect.effect == effect]
+    return float(next(iter(values[0].values()))) if values else float("nan")
 
 
 def _peer(effect: str, folder: Path) -> float:

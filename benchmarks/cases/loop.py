@@ -62,7 +62,7 @@ def _closed(joints: int, runs: int, seconds: float, rate: float = 250.0) -> Call
     robot = arm(joints)
     logs = [log(robot, seconds, rate, seed) for seed in range(runs)]
     settings = LoopSettings(effects=("viscous_friction", "coulomb_friction", "torque_offset", "armature"))
-    return lambda: {"effects": len(close_loop(robot, logs, [], settings).diagnosis["effects"])}
+    return lambda: {"effects": len(close_loop(robot, logs, [], settings).diagnosis.effects)}
 
 
 def samples(side: str, size: int) -> Callable[[], dict[str, Any]]:
@@ -105,4 +105,4 @@ def many_hours(side: str, hours: int) -> Callable[[], dict[str, Any]]:
     robot = arm(7)
     logs = [log(robot, 900.0, 500.0, seed) for seed in range(4 * hours)]
     settings = LoopSettings(effects=("viscous_friction", "coulomb_friction"))
-    return lambda: {"effects": len(close_loop(robot, logs, [], settings).diagnosis["effects"])}
+    return lambda: {"effects": len(close_loop(robot, logs, [], settings).diagnosis.effects)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,3 +60,13 @@ def derivatives(x: Array, dt: float, method: Method, orders: int = 3, **options:
         parameters.append(chosen)
     spectra = [choice.spectrum for choice in choices]
     return Chain(values, parameters, np.array([s.noise_std for s in spectra]), np.array([s.bandwidth for s in spectra]))
+
+
+def joined(chains: Sequence[Chain]) -> Chain:
+    """The chain of several signals side by side."""
+    return Chain(
+        [np.hstack(parts) for parts in zip(*(c.values for c in chains), strict=True)],
+        [np.concatenate(parts) for parts in zip(*(c.parameters for c in chains), strict=True)],
+        np.concatenate([c.noise_std for c in chains]),
+        np.concatenate([c.bandwidth for c in chains]),
+    )

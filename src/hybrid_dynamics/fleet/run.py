@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_dynamics.close_files import LoopFiles, close_files
+from hybrid_dynamics.engine import Engine, Local
 from hybrid_dynamics.errors import HybridDynamicsError, InputError, one_line
 from hybrid_dynamics.files import check_folder, write_json
-from hybrid_dynamics.fleet.engine import Engine, LocalEngine
 from hybrid_dynamics.fleet.manifest import Entry
 from hybrid_dynamics.fleet.tables import TABLES, write_tables
 from hybrid_dynamics.loop.settings import LoopSettings
@@ -33,7 +33,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class FleetResult:
-    """Outcomes in the order of the manifest, and the tables that were written."""
+    """Outcomes in the order of the manifest, and the tables that were written (none by a part of a fleet)."""
 
     outcomes: tuple[Outcome, ...]
     tables: tuple[Path, ...]
@@ -62,12 +62,19 @@ def run_fleet(
     *,
     form: LogDescription | None = None,
     force: bool = False,
+    part: tuple[int, int] = (1, 1),
 ) -> FleetResult:
     """Close the loop for every entry, each into ``out/runs/<name>`` as a whole, and write the tables.
 
     A loop whose result is there, from the same files and settings by the same version, is kept. A loop that is refused
-    (unusable logs) stops no other.
+    (unusable logs) stops no other. ``part`` (k, m) takes the k-th of every m entries and writes no tables: m machines
+    share the work so, and a last run over all entries finds it done and writes them.
     """
+    first, step = part
+    if not 1 <= first <= step:
+        raise InputError(
+            f"part is {first}/{step}; expected such as 1/{max(step, 1)}, the first of {max(step, 1)} parts"
+        )
     check_out(out, force=force)
     settings = settings or LoopSettings()
     jobs = [
@@ -83,18 +90,20 @@ def run_fleet(
             force,
             form,
         )
-        for entry in entries
+        for entry in entries[first - 1 :: step]
     ]
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / MARK, {"schema": 1, "runs": [entry.name for entry in entries]})
     outcomes: dict[int, Outcome] = {}
-    for k, outcome in (engine or LocalEngine()).map(run_one, jobs):
+    for k, outcome in (engine or Local()).unordered(run_one, jobs):
         outcomes[k] = outcome
         if tell is not None:
             tell(f"{outcome.name}: {outcome.state}", len(outcomes) / len(jobs))
         if note is not None and outcome.why:
             note(f"{outcome.name}: {outcome.why}")
     ordered = tuple(outcomes[k] for k in range(len(jobs)))
+    if step > 1:
+        return FleetResult(ordered, ())
     write_tables(out, entries, {o.name: o.why for o in ordered if o.state == "refused"}, out / RUNS)
     return FleetResult(ordered, tuple(out / name for name in TABLES))
 
