@@ -18,6 +18,7 @@ from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.study.datasets import TwinSettings, true_torque
 from hybrid_dynamics.study.evaluation import EvaluationSettings, Predictor, evaluate_predictions
 from hybrid_dynamics.trajectory import SIMULATED_TWIN, Trajectory, iter_trajectories, read_metadata
+from hybrid_dynamics.types import Array
 from stages.common import dataset_argument
 
 
@@ -31,7 +32,7 @@ def predictor(method: str, folder: Path, robot: Robot) -> Predictor:
         return lambda t: model.predict(t["q"], t["dq"], t["ddq"], t.time)
     estimator = RigidBody() if method == "rigid_body" else load_estimator(folder)
 
-    def predict(trajectory: Trajectory):
+    def predict(trajectory: Trajectory) -> Array:
         return estimator.predict(feature_matrix(trajectory))
 
     return predict

@@ -24,6 +24,10 @@ class LoopSettings:
     An alternative is named where held-out mean squares grow by less than ``alike_share``. No floor lies below
     ``resolution`` of the measured torque. Without test runs the last ``held_out_share`` of every run is held out after
     a gap of ``held_out_gap`` [s]. ``evaluations`` of symbolic regression describe what stays unexplained on a joint.
+
+    >>> from hybrid_dynamics import LoopSettings
+    >>> LoopSettings(effects=("viscous_friction", "coulomb_friction"), block=1.0).families
+    ('viscous_friction', 'coulomb_friction')
     """
 
     effects: tuple[str, ...] = ()

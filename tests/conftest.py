@@ -1,0 +1,38 @@
+"""What all tests share: which of them are slow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+#: Files of tests that run the pipeline, whole loops on arms with six or seven joints, a browser, a compiler or MLflow:
+#: they take part in `make test`, not in `make check`.
+SLOW = frozenset(
+    {
+        "test_benchmarks",
+        "test_engine",
+        "test_examples",
+        "test_export_programs",
+        "test_export_resimulate",
+        "test_export_round_trip",
+        "test_fleet",
+        "test_loop_alternatives",
+        "test_loop_cli",
+        "test_loop_close",
+        "test_loop_friction",
+        "test_models_panda",
+        "test_pipeline",
+        "test_simulation_planted",
+        "test_simulation_twin",
+        "test_study_engine",
+        "test_tracking",
+    }
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of the slow files."""
+    for item in items:
+        if Path(item.fspath).stem in SLOW:
+            item.add_marker(pytest.mark.slow)
