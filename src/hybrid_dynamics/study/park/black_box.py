@@ -13,36 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingRegressor
 
+from hybrid_dynamics.loop.blackbox import state_features
 from hybrid_dynamics.loop.process import Run
 
 Array = NDArray[np.float64]
 
-ITERATIONS = 200
+ITERATIONS = 150
 #: Single runs are cut into this many stretches, several runs are held out one by one.
 STRETCHES = 5
-#: Earlier speeds [s].
-LAGS = (0.05, 0.2)
-
-
-def inputs(run: Run, joint: int) -> Array:
-    """What the black box sees of ``run`` for ``joint``: (K, p)."""
-    step = float(np.median(np.diff(run.time)))
-    parts = [run.q, run.dq, run.ddq, np.sign(run.dq[:, [joint]])]
-    for lag in LAGS:
-        rows = max(round(lag / step), 1)
-        parts.append(
-            np.concatenate([np.repeat(run.dq[:1, [joint]], rows, axis=0), run.dq[:-rows, [joint]]])[: len(run.q)]
-        )
-    parts.append(way_since_reversal(run.q[:, joint], run.dq[:, joint])[:, None])
-    return np.concatenate(parts, axis=1)
-
-
-def way_since_reversal(q: Array, dq: Array) -> Array:
-    """Distance (K,) [rad] from where the joint last turned round."""
-    turned = np.flatnonzero(np.diff(np.sign(dq)) != 0) + 1
-    last = np.zeros(len(q), int)
-    last[turned] = turned
-    return q - q[np.maximum.accumulate(last)]
 
 
 def corrections(train: Sequence[Run], left: Sequence[Array], test: Sequence[Run], seed: int = 0) -> list[Array]:
@@ -50,13 +28,13 @@ def corrections(train: Sequence[Run], left: Sequence[Array], test: Sequence[Run]
     out = [np.zeros_like(run.q) for run in test]
     fold = _folds(train)
     for j in range(left[0].shape[1]):
-        x = np.concatenate([inputs(run, j) for run in train])
+        x = np.concatenate([state_features(run, j) for run in train])
         y = np.concatenate([part[:, j] for part in left])
         count = _iterations(x, y, fold, seed)
         if count:
             trees = _trees(count, seed).fit(x, y)
             for run, part in zip(test, out, strict=True):
-                part[:, j] = trees.predict(inputs(run, j))
+                part[:, j] = trees.predict(state_features(run, j))
     return out
 
 
