@@ -76,16 +76,16 @@ def test_regimes_of_a_motion_that_is_known(robot: Robot) -> None:
 
 
 def test_black_box_learns_a_law_without_a_name_and_leaves_noise_alone(robot: Robot) -> None:
-    runs = [process(log, robot, ProcessSettings()) for log in logs(robot, train=2)]
+    runs = [process(log, robot, ProcessSettings()) for log in logs(robot, train=3)]
     rng = np.random.default_rng(0)
     law = [2 * np.sin(run.q.sum(axis=1)) * np.sign(run.dq[:, 0]) for run in runs]
     noise = [rng.normal(0, 0.1, run.q.shape) for run in runs]
     left = [np.column_stack([own, 0 * own]) + more for own, more in zip(law, noise, strict=True)]
-    [found] = corrections(runs[:2], left[:2], runs[2:])
-    after = left[2] - found
-    assert np.sqrt((after[:, 0] ** 2).mean()) < 0.6 * np.sqrt((left[2][:, 0] ** 2).mean())
+    [found] = corrections(runs[:3], left[:3], runs[3:])
+    after = left[3] - found
+    assert np.sqrt((after[:, 0] ** 2).mean()) < 0.6 * np.sqrt((left[3][:, 0] ** 2).mean())
     # White noise on the other joint: nothing to gain, and nothing lost by trying.
-    assert np.sqrt((after[:, 1] ** 2).mean()) < 1.02 * np.sqrt((left[2][:, 1] ** 2).mean())
+    assert np.sqrt((after[:, 1] ** 2).mean()) < 1.02 * np.sqrt((left[3][:, 1] ** 2).mean())
 
 
 def test_scatter_of_parameters_tells_whether_their_errors_are_honest(robot: Robot) -> None:
