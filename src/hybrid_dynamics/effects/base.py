@@ -206,6 +206,10 @@ class Family(ABC):
         """Slots suggested by what a model leaves: ``residuals`` (T, n) [N m], one for each of ``motions`` (runs)."""
         return []
 
+    def is_wide(self, slot: Slot) -> bool:
+        """True where ``slot`` shows in several joints' torques: only looked for with every joint's own effects in."""
+        return self.scope != "joint"
+
     def size_of(self, slot: Slot) -> int:
         """Number of coordinates at ``slot``."""
         return self.size

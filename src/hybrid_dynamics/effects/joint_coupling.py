@@ -74,6 +74,9 @@ class JointCoupling(Family):
             settings[WIDTH] = width
         return Slot(self.name, joint, tuple(sorted(settings.items())))
 
+    def is_wide(self, slot: Slot) -> bool:
+        return slot.options.get(ROWS) == BOTH
+
     def place(self, slot: Slot) -> tuple[Any, ...]:
         return (slot.effect, slot.joint, slot.options[FROM_JOINT])
 

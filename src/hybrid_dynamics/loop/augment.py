@@ -33,29 +33,27 @@ def effects_of(evidence: Evidence, slots: Sequence[Slot], x: Array, covariance: 
     return out
 
 
-def refit(evidence: Evidence, slots: Sequence[Slot], rounds: int = 3) -> Array:
+def refit(evidence: Evidence, slots: Sequence[Slot], rounds: int = 3, everything: bool = False) -> Array:
     """Absolute Gauss-Newton re-fit of all coordinates; one round where everything is linear.
 
-    Columns that depend on the load follow the rigid body of the model that is being fitted.
+    Columns that follow the load or the torque are those of the model that is being fitted; with ``everything`` also the
+    columns of candidates.
     """
     kinds = [s.family() for s in slots]
-    body = any(k.changes_body for k in kinds)
-    loaded = body and any(s.family().uses_load for s in evidence.slots)
-    nonlinear = any(k.nonlinear for k in kinds) or (body and evidence.base_follows_load)
+    nonlinear = any(k.nonlinear for k in kinds) or (evidence.base_follows_load and any(k.changes_body for k in kinds))
+    following = [s for s in (evidence.slots if everything else slots) if s.family().uses_load or s.family().uses_torque]
     if not nonlinear:
         evidence.reset()
     x = evidence.fit(slots)
-    coupled = loaded and any(k.uses_load for k in kinds)
-    if nonlinear or coupled:
+    if nonlinear or any(s in slots for s in following):
         for _ in range(rounds):
             effects = effects_of(evidence, slots, x)
-            if loaded:
-                evidence.renew_load(effects)
+            evidence.renew(effects, [s for s in following if s in slots])
             if nonlinear:
                 evidence.relinearise(effects, slots, x)
             x = evidence.fit(slots)
-    elif loaded:
-        evidence.renew_load(effects_of(evidence, slots, x))
+    if everything and following:
+        evidence.renew(effects_of(evidence, slots, x), [s for s in following if s not in slots])
     return x
 
 

@@ -93,6 +93,11 @@ class Held:
         return np.maximum(out, 0.0) if other is self else out
 
 
+def _follows(slot: Slot) -> bool:
+    """True where the columns depend on the model that is being fitted."""
+    return slot.family().uses_load or slot.family().uses_torque
+
+
 def _order(slot: Slot) -> tuple[str, int, str]:
     return slot.effect, -1 if slot.joint is None else slot.joint, repr(slot.settings)
 
@@ -111,6 +116,7 @@ class Evidence:
         self._columns: dict[Slot, list[Indices | None]] = {}
         #: Columns already there, per joint: what two slots share (a link's inertia) is kept once.
         self._known: list[dict[bytes, int]] = [{} for _ in range(self.n)]
+        self.gram: list[Array] = []
         self._cache: dict[tuple[frozenset[Slot], bool], Held] = {}
         self._rows: list[list[Array]] = [[np.empty((len(r.time), 0)) for _ in range(self.n)] for r in self.runs]
         self.base_target = [run.tau - run.smooth(self.predict_fine(base, run)) for run in self.runs]
@@ -170,6 +176,7 @@ class Evidence:
 
     def add_slots(self, slots: Sequence[Slot]) -> None:
         """Compute and append the columns of ``slots`` (those not there yet)."""
+        sizes = [rows.shape[1] for rows in self._rows[0]]
         for slot in slots:
             if slot in self._columns:
                 continue
@@ -184,10 +191,15 @@ class Evidence:
                 if not acts or max(float(np.abs(o).max(initial=0.0)) for o in own) < 1e-9:
                     where.append(None)
                     continue
-                where.append(self._place(j, own, shared=not slot.family().uses_load))
+                where.append(self._place(j, own, shared=not _follows(slot)))
             self._columns[slot] = where
             self.slots.append(slot)
-        self._reduce()
+        grown = {j for j in range(self.n) if self._rows[0][j].shape[1] != sizes[j]}
+        if not self.gram:
+            self._reduce()
+        elif grown:
+            self.gram = [self._joint_gram(j) if j in grown else self.gram[j] for j in range(self.n)]
+            self._sum()
 
     def _place(self, j: int, parts: list[Array], shared: bool) -> Indices:
         """Indices of the columns ``parts`` (one array a run) among those of joint ``j``, appended where new."""
@@ -222,26 +234,27 @@ class Evidence:
         """The starting model with those of ``effects`` that act in ``run``."""
         return self.base.adding(e for e in effects if e.settings.get(ONLY_RUN) in (None, run.name))
 
-    def renew_load(self, effects: Sequence[Effect]) -> None:
-        """Compute the columns that depend on the load anew, with the rigid body that ``effects`` have changed."""
-        slots = [s for s in self.slots if s.family().uses_load]
+    def renew(self, effects: Sequence[Effect], slots: Sequence[Slot]) -> None:
+        """Compute the columns of ``slots`` that follow the load or the model's torque anew, with ``effects`` added."""
+        slots = [s for s in slots if _follows(s)]
         if not slots:
             return
-        motions = [
-            replace(
-                run.motion,
-                given_load=self._model_in(effects, run).completed_robot.inverse_dynamics(
-                    run.motion.q, run.motion.dq, run.motion.ddq
-                ),
-            )
-            for run in self.runs
-        ]
+        torque = any(s.family().uses_torque for s in slots)
+        motions = []
+        for run in self.runs:
+            model, m = self._model_in(effects, run), run.motion
+            load = model.completed_robot.inverse_dynamics(m.q, m.dq, m.ddq)
+            given = model.without_readings().predict(m.q, m.dq, m.ddq, m.time) if torque else None
+            motions.append(replace(m, given_load=load, given_torque=given))
+        changed = set()
         for slot in slots:
-            where = self._columns[slot][slot.index]
-            if where is not None:
-                for r, part in enumerate(self._smoothed(slot, motions)):
-                    self._rows[r][slot.index][:, where] = part
-        for j in sorted({slot.index for slot in slots}):
+            parts = self._smoothed(slot, motions)
+            for j, where in enumerate(self._columns[slot]):
+                if where is not None:
+                    changed.add(j)
+                    for r, part in enumerate(parts):
+                        self._rows[r][j][:, where] = part[:, j] if part.ndim == 3 else part
+        for j in sorted(changed):
             self.gram[j] = self._joint_gram(j)
         self._sum()
 

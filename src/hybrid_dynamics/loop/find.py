@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Effect, Slot
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
 from hybrid_dynamics.loop.floor import difference_floor
+from hybrid_dynamics.loop.further import further_candidates, refine
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.prune import choose, from_everything, keep_sure
@@ -60,6 +61,7 @@ def find(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None
     rest), they are weighed anew and the search goes on from there.
     """
     evidence = judge.evidence
+    candidates = list(candidates)
     looked = len({s.place for s in candidates})
     chosen, steps = _both_ends(judge, candidates, report)
     for _ in range(MOST_WEIGHINGS):
@@ -71,6 +73,12 @@ def find(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None
         further = search(judge, candidates, report, chosen)
         steps += further
         chosen = list(further[-1].slots)
+    candidates = [*candidates, *further_candidates(judge, chosen)]
+    if len({s.place for s in candidates}) > looked:
+        further = search(judge, candidates, report, chosen)
+        steps += further
+        chosen = refine(judge, further[-1].slots)
+        looked = len({s.place for s in candidates})
     held = judge.mean_square(evidence.held(chosen, physical=True))
     if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
         further = split_by_run(judge, chosen, candidates, report)

@@ -25,6 +25,8 @@ Mask = NDArray[np.bool_]
 FORGOTTEN = 2.5
 #: Autocorrelation beyond which a residual without an alarm is no noise that this library knows.
 STRANGE = 0.7
+#: Beyond this a residual is coloured; noise that is coloured is no more than twice its second differences.
+REMEMBERS, TWICE = 0.3, 2.0
 #: Share of states outside those of the other folds beyond which parts of one run say nothing about each other.
 UNSHARED = 0.5
 #: Fewer moving rows and a joint says nothing.
@@ -113,10 +115,10 @@ def examine(
         features = [state_features(run, int(j)) for run in runs]
         found = learnable(features, [r[:, j] for r in residual], [m[:, j] for m in mask], folds)
         share[j], p[j] = found.share, found.p_value
-        if len(runs) == 1:
-            strange[j] = colour[j] > STRANGE or (colour[j] > 0.3 and _unshared(runs, mask, folds, int(j)) > UNSHARED)
-        else:
-            strange[j] = colour[j] > STRANGE
+        remembers = colour[j] > REMEMBERS and (
+            rms[j] > TWICE * low[j] or _unshared(runs, mask, folds, int(j)) > UNSHARED
+        )
+        strange[j] = colour[j] > STRANGE or remembers
     alarm = holm(p, settings.alarm_level) & (share > settings.alarm_share)
     # One standard deviation of the estimate on top: rows that remember each other count less.
     effective = np.maximum(count * (1 - colour.clip(0, 0.99)) / (1 + colour.clip(0, 0.99)) / 4, 4)

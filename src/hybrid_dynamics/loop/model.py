@@ -130,6 +130,10 @@ class Model:
         """A model with ``effects`` appended."""
         return Model(self.robot, (*self.effects, *effects))
 
+    def without_readings(self) -> Model:
+        """What the robot does, without what the log reads wrongly (gains, position offsets, a delay)."""
+        return Model(self.robot, tuple(e for e in self.effects if not family(e.effect).changes_reading))
+
     def with_inactive(self, effects: Iterable[Effect]) -> Model:
         """The same model that also lists ``effects`` without letting them act."""
         return Model(self.robot, self.effects, tuple(effects), self.misfit)

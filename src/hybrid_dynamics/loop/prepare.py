@@ -77,8 +77,12 @@ def candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -
     """Places effects could take; friction that ``base`` has already changes by its amount, not by its width."""
     robot, options = base.completed_robot, settings.options
     slots = [s for name in settings.families for s in family(name).slots(robot, moving, options)]
+    # What couples joints hides behind their own friction: it is looked for from the beginning, as bodies are.
+    for name in settings.further:
+        if family(name).scope == "joint":
+            slots += [s for s in family(name).slots(robot, moving, options) if family(name).is_wide(s)]
     own = [effect.slot(base.robot) for effect in base.effects]
-    own = [s for s in dict.fromkeys(own) if s.family().scope == "joint" and moving[s.index]]
+    own = [s for s in dict.fromkeys(own) if s.family().scope == "joint" and s.joint is not None and moving[s.joint]]
     return [
         *(s for s in slots if not any(same_place(s, o) for o in own)),
         *(o for o in own if o.effect in settings.families),

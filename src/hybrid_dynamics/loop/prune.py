@@ -42,7 +42,7 @@ def from_everything(judge: Judge, candidates: Sequence[Slot], report: Callable[[
     current = better_settings(judge, current, candidates)
     steps = [_step(judge, "start", None, current)]
     report(steps[-1])
-    wide = [c for c in candidates if c.family().scope != "joint"]
+    wide = [c for c in candidates if c.family().is_wide(c)]
     while wide:
         table = rank(judge, current, wide, evidence.held(current, physical=True))
         choice = next((c for c in table if c.accepted), None)

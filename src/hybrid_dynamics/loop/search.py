@@ -8,8 +8,9 @@ of which must lower the held-out error or the price.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +20,14 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, overlap, pairs
 from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers, rank, same_place
+from hybrid_dynamics.types import Array
 
 #: An effect that was dropped this often is left alone.
 MOST_DROPS = 2
+#: What takes the place of an effect must be able to make at least this share of its torque.
+LIKENESS_OF_RIVAL = 0.3
+#: So many of the likest are tried.
+MOST_RIVALS = 10
 
 
 @dataclass(frozen=True)
@@ -64,20 +70,20 @@ def search(
                 break
             current[:] = replaced
             seen.add(frozenset(current))
-            refit(evidence, current)
+            refit(evidence, current, everything=True)
             record("replace", None, table)
         else:
             current[:] = [s for s in current if not covers(choice.slot, s)]
             current.append(choice.slot)
             seen.add(frozenset(current))
-            refit(evidence, current)
+            refit(evidence, current, everything=True)
             record("add", choice.slot, table)
         current[:] = better_settings(judge, current, candidates)
         while (useless := _useless(judge, current)) is not None:
             current.remove(useless)
             dropped[useless] += 1
             seen.add(frozenset(current))
-            refit(evidence, current)
+            refit(evidence, current, everything=True)
             record("drop", useless)
     return steps
 
@@ -160,6 +166,8 @@ def _replace(
     """
     evidence = judge.evidence
     free = evidence.held(current)
+    layout, x = evidence.layout(current), evidence.fit(current)
+    torque_of = {s: x[start : start + s.size] for s, start in zip(layout.slots, layout.starts, strict=True)}
     groups: list[tuple[Slot, ...]] = [(s,) for s in current]
     if len(current) <= 8:
         groups += [(a, b) for i, a in enumerate(current) for b in current[i + 1 :]]
@@ -167,9 +175,9 @@ def _replace(
     for group in groups:
         rest = [s for s in current if s not in group]
         price = judge.price(*group)
-        for slot in candidates:
+        for slot in _rivals(judge, group, rest, candidates, torque_of):
             trial = [*rest, slot]
-            if any(same_place(slot, s) or covers(s, slot) for s in current) or frozenset(trial) in seen:
+            if frozenset(trial) in seen:
                 continue
             simpler = judge.price(slot) < price
             screened = evidence.held(trial)
@@ -184,6 +192,25 @@ def _replace(
             if own.surer_than(judge.settings.gain_in_errors):
                 best = (-gain.total, trial)
     return None if best is None else best[1]
+
+
+def _rivals(
+    judge: Judge,
+    group: Sequence[Slot],
+    rest: Sequence[Slot],
+    candidates: Sequence[Slot],
+    torque_of: Mapping[Slot, Array],
+) -> list[Slot]:
+    """Of ``candidates`` those that can make most of the torque of one of ``group``, the likest of each place."""
+    likest: dict[tuple[Any, ...], tuple[float, Slot]] = {}
+    for slot in candidates:
+        if any(same_place(slot, s) for s in (*rest, *group)) or any(covers(s, slot) for s in rest):
+            continue
+        share = max(overlap(judge.evidence, s, torque_of[s], slot) for s in group)
+        if share >= LIKENESS_OF_RIVAL and share > likest.get(slot.place, (0.0, slot))[0]:
+            likest[slot.place] = share, slot
+    order = sorted(likest.values(), key=lambda item: (-item[0], repr(item[1])))
+    return [slot for _, slot in order[:MOST_RIVALS]]
 
 
 def _lighter(

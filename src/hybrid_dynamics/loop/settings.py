@@ -34,7 +34,7 @@ class LoopSettings:
     sign_widths: tuple[float, ...] = (0.0, 0.01, 0.03, 0.08)
     sign_travels: tuple[float, ...] = (1e-4, 3e-4, 1e-3)
     block: float = 0.5
-    time_folds: int = 4
+    time_folds: int = 6
     gain_in_errors: float = 2.0
     floor_share: float = 0.15
     keep_share: float = 0.1
@@ -82,6 +82,11 @@ class LoopSettings:
     @property
     def families(self) -> tuple[str, ...]:
         return tuple(self.effects) or catalogue()
+
+    @property
+    def further(self) -> tuple[str, ...]:
+        """Families asked only where the plainer ones leave something."""
+        return () if self.effects else tuple(name for name in catalogue(everything=True) if name not in self.families)
 
     @property
     def options(self) -> dict[str, Any]:

@@ -86,8 +86,8 @@ class Judge:
         """Gain of ``new`` over ``old`` and its uncertainty, given the motion.
 
         With d the change of the prediction and e the new residual, the gain is sum(d^2 + 2 d e): given the motion and
-        the fits only d e is random. Its block sums are clusters (Bester, Conley and Hansen 2011); blocks are merged by
-        two and by four as long as enough are left, and the largest error counts, so that memory across blocks is seen.
+        the fits only d e is random. Its block sums are clusters (Bester, Conley and Hansen 2011); blocks that
+        remember each other are merged as long as enough are left.
         ``noise``: the held-out prediction whose residual stands for e, where a fuller model knows it better.
         """
         weights = self.evidence.weights
@@ -149,22 +149,20 @@ class Judge:
 def block_error(sums: Array, owner: NDArray[np.int_]) -> tuple[float, int]:
     """Standard error of the total of ``sums`` (blocks,), and the number of clusters behind it.
 
-    ``owner`` (blocks,) is the run of each block; neighbours of one run are merged.
+    ``owner`` (blocks,) is the run of each block; neighbours of one run are merged by two as long as they remember each
+    other and enough are left.
     """
-    error, clusters = 0.0, len(sums)
-    for merged in (1, 2, 4):
-        parts = []
-        for run in np.unique(owner):
-            mine = sums[owner == run]
-            parts.append(np.add.reduceat(mine, np.arange(0, len(mine), merged)))
+    error, clusters, parts = 0.0, len(sums), [sums[owner == run] for run in np.unique(owner)]
+    while True:
         total = np.concatenate(parts)
-        count = len(total)
-        if merged > 1 and count < FEWEST_CLUSTERS:
-            break
-        own = float(np.sqrt(count / max(count - 1, 1) * np.sum(total**2)))
-        if own >= error:
-            error, clusters = own, count
-    return error, clusters
+        clusters = len(total)
+        error = max(error, float(np.sqrt(clusters / max(clusters - 1, 1) * np.sum(total**2))))
+        following = float(sum(np.sum(p[1:] * p[:-1]) for p in parts)) / max(float(np.sum(total**2)), 1e-300)
+        merged = [np.add.reduceat(p, np.arange(0, len(p), 2)) for p in parts]
+        # Blocks that do not remember each other need no merging; two standard errors of an autocorrelation.
+        if following < 2.0 / np.sqrt(clusters) or sum(map(len, merged)) < FEWEST_CLUSTERS:
+            return error, clusters
+        parts = merged
 
 
 def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Held) -> list[Candidate]:
@@ -174,13 +172,12 @@ def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], befo
     """
     evidence = judge.evidence
     pressed = evidence.constrained(current)
-    held: dict[Slot, Held] = {}
-    for slot in candidates:
-        if any(same_place(slot, other) or covers(other, slot) for other in current):
-            continue
-        if pressed and any(same_place(slot, other) for other in held):
-            continue  # every fit takes a while then; its settings are chosen afterwards
-        held[slot] = evidence.held([*current, slot], physical=True)
+    free = [c for c in candidates if not any(same_place(c, o) or covers(o, c) for o in current)]
+    if pressed:
+        # Every physical fit takes a while then: the best under bounds alone are looked at.
+        screened = {c: evidence.held(_joined(current, c)).score for c in free}
+        free = sorted(free, key=lambda c: (screened[c], _key(c)))[: 2 * TABLE_ROWS]
+    held = {c: evidence.held(_joined(current, c), physical=True) for c in free}
     order = sorted(held, key=lambda s: (held[s].score, s.size, _key(s)))[:TABLE_ROWS]
     rows = {s: _judged(judge, s, before, held[s]) for s in order}
     # Of those that may be named the best, and of its rivals the simplest; without any, the same of all.
@@ -211,7 +208,14 @@ def _judged(judge: Judge, slot: Slot, before: Held, after: Held) -> Candidate:
 
 def covers(general: Slot, special: Slot) -> bool:
     """True where ``general`` contains ``special`` as a special case: all links' inertias contain any one body."""
+    if special.effect in general.family().contains:
+        return general.joint == special.joint
     return general.effect == WHOLE_BODY and special.effect != WHOLE_BODY and special.family().is_body
+
+
+def _joined(current: Sequence[Slot], slot: Slot) -> list[Slot]:
+    """``current`` with ``slot`` in the place of what it contains."""
+    return [*(s for s in current if not covers(slot, s)), slot]
 
 
 def _key(slot: Slot) -> tuple[str, int, str]:

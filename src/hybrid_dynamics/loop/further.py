@@ -1,0 +1,86 @@
+"""The rest of the catalogue, asked where something is left that the plainer families do not explain.
+
+Springs, ripples, couplings, gains, wrong zeros, delays and friction with more parameters are offered on the joints
+whose held-out error exceeds what second differences call noise. Nonlinear parameters stand on a coarse grid during the
+search and are refined afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from hybrid_dynamics.effects import Motion, Slot, family
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.floor import difference_floor
+from hybrid_dynamics.loop.trace import Judge
+
+#: Of the squared noise by second differences, the share by which a joint must exceed it to be asked further.
+EXCESS = 0.1
+#: A law with more free numbers than this is named only where it is asked for.
+MOST_NUMBERS = 3
+#: Rows that proposals are made from, at most, per run.
+_ROWS = 4000
+#: Steps of the refinement of one nonlinear parameter.
+_STEPS = 14
+
+
+def further_candidates(judge: Judge, chosen: Sequence[Slot]) -> list[Slot]:
+    """Slots of the further families on joints where something is left; their columns are computed."""
+    evidence, settings = judge.evidence, judge.settings
+    x = refit(evidence, chosen)
+    residual = evidence.residuals(chosen, x)
+    low = difference_floor(evidence.runs, residual, evidence.mask)
+    held = judge.mean_square(evidence.held(chosen, physical=True))
+    left = (judge.floor > 0) & (held > (1 + EXCESS) * np.maximum(low, settings.resolution) ** 2)
+    if not left.any() or not settings.further:
+        return []
+    motions, rest = [], []
+    for run, r in zip(evidence.runs, residual, strict=True):
+        thin = slice(None, None, max(len(run.time) // _ROWS, 1))
+        motions.append(Motion(evidence.robot, run.time[thin], run.q[thin], run.dq[thin], run.ddq[thin]))
+        rest.append(r[thin])
+    slots = []
+    for name in settings.further:
+        kind = family(name)
+        slots += kind.slots(evidence.robot, left, settings.options)
+        slots += kind.propose([run.name for run in evidence.runs], motions, rest, left)
+    few = [s for s in dict.fromkeys(slots) if len(s.family().published(s.options)) <= MOST_NUMBERS]
+    slots = [s for s in few if not evidence.has(s)]
+    evidence.add_slots(slots)
+    refit(evidence, chosen, everything=True)
+    return slots
+
+
+def refine(judge: Judge, chosen: Sequence[Slot]) -> list[Slot]:
+    """``chosen`` with nonlinear parameters at the best value between their bounds, one after the other, twice."""
+    evidence = judge.evidence
+    out = list(chosen)
+    if not any(s.family().nonlinear_settings for s in out):
+        return out
+    for _ in range(2):
+        for i, slot in enumerate(out):
+            for r in slot.family().nonlinear_settings:
+                start = float(out[i].options[r.name])
+                # A grid value is right to a factor of two or so; a harmonic to a fraction of a period.
+                low, high = (start / 2.5, start * 2.5) if r.log else (start - 0.5, start + 0.5)
+                low, high = max(low, r.low), min(high, r.high)
+                if not low < high:
+                    continue
+
+                def loss(u: float, i: int = i, name: str = r.name, log: bool = r.log) -> float:
+                    value = float(np.exp(u)) if log else float(u)
+                    trial = out[i].refined(**{name: float(f"{value:.6g}")})
+                    evidence.add_slots([trial])
+                    return evidence.held([*out[:i], trial, *out[i + 1 :]]).score
+
+                ends = (np.log(low), np.log(high)) if r.log else (low, high)
+                found = minimize_scalar(loss, bounds=ends, method="bounded", options={"maxiter": _STEPS})
+                value = float(np.exp(found.x)) if r.log else float(found.x)
+                better = out[i].refined(**{r.name: float(f"{value:.6g}")})
+                if found.fun < evidence.held(out).score:
+                    out[i] = better
+    refit(evidence, out)
+    return out
