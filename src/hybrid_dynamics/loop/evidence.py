@@ -35,7 +35,7 @@ ONLY_RUN = "only_run"
 #: A block lasts at least this many windows of the filter.
 BLOCK_WINDOWS = 4.0
 #: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
-FEWEST_BLOCKS, MOST_BLOCKS = 12, 200
+FEWEST_BLOCKS, MOST_BLOCKS = 12, 100
 
 
 @dataclass(frozen=True)
@@ -72,25 +72,28 @@ class Held:
         return float(self.joint_errors @ self._evidence.weights)
 
     @cached_property
-    def products(self) -> list[list[Array]]:
-        """Per fold and joint, the columns' products with the residual, one row a block (blocks, columns)."""
-        return [
-            [gram @ v for v, gram in zip(vectors, grams, strict=True)]
-            for vectors, grams in zip(self.folds, self._evidence.own_gram, strict=True)
-        ]
-
-    @cached_property
     def errors(self) -> Array:
         """Squared held-out residual sums (blocks, n) [N m]^2."""
         return self.cross(self)
 
     def cross(self, other: Held) -> Array:
         """Block-wise sums (blocks, n) [N m]^2 of this residual times that of ``other``."""
-        out = np.empty((len(self._evidence.block_rows), self._evidence.n))
-        for f, own in enumerate(self._evidence.fold_blocks):
-            for j, product in enumerate(self.products[f]):
-                out[own, j] = product @ other.folds[f][j]
+        evidence = self._evidence
+        out = np.empty((len(evidence.block_rows), evidence.n))
+        for f, own in enumerate(evidence.fold_blocks):
+            for j, gram in enumerate(evidence.own_gram[f]):
+                v, w = self.folds[f][j], other.folds[f][j]
+                # Most columns belong to neither: only the others are touched.
+                rows, columns = np.flatnonzero(w), np.flatnonzero(v)
+                out[own, j] = (gram[:, rows[:, None], columns] @ v[columns]) @ w[rows]
         return np.maximum(out, 0.0) if other is self else out
+
+
+def _as_slice(index: Indices) -> slice | Indices:
+    """``index`` as a slice where it is one: what it selects is then no copy."""
+    if len(index) and np.array_equal(index, np.arange(index[0], index[0] + len(index))):
+        return slice(int(index[0]), int(index[-1]) + 1)
+    return index
 
 
 def _follows(slot: Slot) -> bool:
@@ -295,7 +298,7 @@ class Evidence:
                 self.gram[j][mine, :-1, -1] = products
                 self.gram[j][mine, -1, :-1] = products
                 self.gram[j][mine, -1, -1] = np.add.reduceat(target**2, edges)
-        self._sum()
+        self._sum_target()
 
     def _sum(self) -> None:
         """Sums over the blocks of each fold, and over those that a fold is predicted from.
@@ -304,19 +307,47 @@ class Evidence:
         """
         self._cache = {}
         self.fold_blocks = [np.flatnonzero(self.block_fold == f) for f in range(self.folds)]
-        self.own_gram = [[g[own] for g in self.gram] for own in self.fold_blocks]
+        self._left_out = [self._edge(f) for f in range(self.folds)]
+        places = [_as_slice(own) for own in self.fold_blocks]
+        self.own_gram = [[g[place] for g in self.gram] for place in places]
         self.own_sum = [[g.sum(axis=0) for g in own] for own in self.own_gram]
-        self.fold_gram = []
-        for f in range(self.folds):
-            mine = self.block_fold == f
-            edge = np.zeros(len(mine), bool)
-            same = self.block_run[1:] == self.block_run[:-1]
-            edge[1:] |= same & mine[:-1]
-            edge[:-1] |= same & mine[1:]
-            kept = ~mine & ~edge
-            self.fold_gram.append([g[kept if kept.any() else ~mine].sum(axis=0) for g in self.gram])
-        self.full_gram = [g.sum(axis=0) for g in self.gram]
+        self.full_gram = [np.sum([own[j] for own in self.own_sum], axis=0) for j in range(self.n)]
+        self.fold_gram = [
+            [self.full_gram[j] - self.own_sum[f][j] - self.gram[j][edge].sum(axis=0) for j in range(self.n)]
+            for f, edge in enumerate(self._left_out)
+        ]
         self.samples = self.count.sum(axis=0)
+
+    def _edge(self, fold: int) -> Indices:
+        """Blocks of other folds that border on ``fold`` within a run; none where nothing else would be left."""
+        mine = self.block_fold == fold
+        edge = np.zeros(len(mine), bool)
+        same = self.block_run[1:] == self.block_run[:-1]
+        edge[1:] |= same & mine[:-1]
+        edge[:-1] |= same & mine[1:]
+        edge &= ~mine
+        return np.flatnonzero(edge) if np.any(~mine & ~edge) else np.zeros(0, int)
+
+    def _sum_target(self) -> None:
+        """The same where only the products with the target have changed."""
+        if any(isinstance(_as_slice(own), np.ndarray) for own in self.fold_blocks):
+            self._sum()
+            return
+        self._cache = {}
+        for j in range(self.n):
+            product = self.gram[j][:, :, -1]
+            sums = [product[own].sum(axis=0) for own in self.fold_blocks]
+            full = np.sum(sums, axis=0)
+            for gram, value in [
+                (self.full_gram[j], full),
+                *((self.own_sum[f][j], sums[f]) for f in range(self.folds)),
+                *(
+                    (self.fold_gram[f][j], full - sums[f] - product[edge].sum(axis=0))
+                    for f, edge in enumerate(self._left_out)
+                ),
+            ]:
+                gram[:, -1] = value
+                gram[-1, :] = value
 
     def weigh(self, weights: Array) -> None:
         """Weights (n,) [1/(N m)^2] of the joints in every fit and score."""
