@@ -152,6 +152,8 @@ class Family(ABC):
     size: ClassVar[int] = 1
     #: Sought without being asked for by name.
     searched: ClassVar[bool] = True
+    #: Sought only where it is asked for by name: too free, or about the recording rather than the robot.
+    asked_only: ClassVar[bool] = False
     #: A joint effect that may also be one for all joints together (no joint is named then).
     shared: ClassVar[bool] = False
     #: Several of it may sit on one joint (see :meth:`place`).

@@ -35,6 +35,7 @@ class Drift(Family):
     parameters = (Parameter("rate", "N m/s"), Parameter(CONSTANT, "s"))
     size = 1
     searched = False
+    asked_only = True
     several = True
     nonlinear_settings = (Refined(CONSTANT, 2.0, 3000.0),)
     drawn_against = "time"

@@ -33,6 +33,7 @@ class ExternalContact(Family):
     equation = r"\tau = \tau_c \text{ within the intervals, else } 0"
     parameters = (Parameter("torque", "N m"),)
     searched = False
+    asked_only = True
     several = True
     drawn_against = "time"
     shown_by = "the same motion is repeated without contact"

@@ -59,12 +59,11 @@ class JointSpring(Family):
         """Piecewise springs with knots at even shares of the positions seen."""
         q = np.concatenate([m.q for m in motions])
         shares = np.linspace(0, 1, _PIECES + 1)
+        knots = {int(j): tuple(np.quantile(q[:, j], shares).round(4).tolist()) for j in np.flatnonzero(moving)}
         return [
-            Slot(
-                self.name, int(j), ((KNOTS, tuple(np.quantile(q[:, j], shares).round(4).tolist())), (SHAPE, PIECEWISE))
-            )
-            for j in np.flatnonzero(moving)
-            if np.ptp(q[:, j]) > 0.3
+            Slot(self.name, j, ((KNOTS, own), (SHAPE, PIECEWISE)))
+            for j, own in knots.items()
+            if own[-1] - own[0] > 0.3 and all(b > a for a, b in pairwise(own))
         ]
 
     def size_of(self, slot: Slot) -> int:

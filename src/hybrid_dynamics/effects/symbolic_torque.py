@@ -31,6 +31,7 @@ class SymbolicTorque(Family):
     equation = r"\tau = a\,f(q, \dot q, \ddot q)"
     parameters = (Parameter("scale", "1"),)
     searched = False
+    asked_only = True
     several = True
     drawn_against = "dq"
     shown_by = "the joint and those its law names move independently of each other"

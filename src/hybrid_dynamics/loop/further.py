@@ -8,6 +8,7 @@ search and are refined afterwards.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -15,12 +16,14 @@ from scipy.optimize import minimize_scalar
 from hybrid_dynamics.effects import Motion, Slot, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import difference_floor
-from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.trace import Judge, covers
 
 #: Of the squared noise by second differences, the share by which a joint must exceed it to be asked further.
 EXCESS = 0.1
 #: A law with more free numbers than this is named only where it is asked for.
 MOST_NUMBERS = 3
+#: Places that are offered at most.
+MOST_PLACES = 24
 #: Rows that proposals are made from, at most, per run.
 _ROWS = 4000
 #: Steps of the refinement of one nonlinear parameter.
@@ -51,7 +54,19 @@ def further_candidates(judge: Judge, chosen: Sequence[Slot]) -> list[Slot]:
     slots = [s for s in few if not evidence.has(s)]
     evidence.add_slots(slots)
     refit(evidence, chosen, everything=True)
-    return slots
+    return _promising(judge, chosen, slots)
+
+
+def _promising(judge: Judge, chosen: Sequence[Slot], slots: Sequence[Slot]) -> list[Slot]:
+    """The best settings of every place, and of the places those that lower the held-out error most."""
+    evidence = judge.evidence
+    now = evidence.held(chosen).score
+    best: dict[tuple[Any, ...], tuple[float, Slot]] = {}
+    for slot in slots:
+        score = evidence.held([*(s for s in chosen if not covers(slot, s)), slot]).score
+        if score < now and score < best.get(slot.place, (np.inf, slot))[0]:
+            best[slot.place] = score, slot
+    return [slot for _, slot in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:MOST_PLACES]]
 
 
 def refine(judge: Judge, chosen: Sequence[Slot]) -> list[Slot]:

@@ -1,8 +1,8 @@
 """Search from nothing: add an effect, re-fit everything jointly, drop what is no longer needed, until nothing is left.
 
 No combination of effects is visited twice and an effect that was dropped :data:`MOST_DROPS` times is not tried again,
-so the search ends after at most ``(MOST_DROPS + 1) * candidates`` additions, as many drops, and the replacements, each
-of which must lower the held-out error or the price.
+so the search ends after at most ``MOST_DROPS * candidates`` drops, :data:`MOST_REPLACEMENTS` replacements and, since
+every addition makes the model larger until a drop or a replacement, as many additions and ``max_effects`` more.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers,
 from hybrid_dynamics.types import Array
 
 #: An effect that was dropped this often is left alone.
-MOST_DROPS = 2
+MOST_DROPS = 1
+#: Replacements in one search.
+MOST_REPLACEMENTS = 5
 #: What takes the place of an effect must be able to make at least this share of its torque.
 LIKENESS_OF_RIVAL = 0.3
 #: So many of the likest are tried.
@@ -50,6 +52,7 @@ def search(
     steps: list[Step] = []
     seen: set[frozenset[Slot]] = {frozenset(current)}
     dropped: Counter[Slot] = Counter()
+    replacements = 0
 
     def record(action: str, slot: Slot | None, table: Sequence[Candidate] = ()) -> None:
         rms = np.sqrt(judge.mean_square(evidence.held(current, physical=True)))
@@ -62,9 +65,12 @@ def search(
         room = len(current) < settings.max_effects
         choice = next((c for c in table if room and c.accepted and frozenset([*current, c.slot]) not in seen), None)
         if choice is None:
-            replaced = _replace(judge, current, candidates, before, seen)
-            if replaced is None:
+            replaced = None
+            if replacements < MOST_REPLACEMENTS:
+                replaced = _replace(judge, current, candidates, before, seen)
+            if replaced is None and replacements < MOST_REPLACEMENTS:
                 replaced = _lighter(judge, current, candidates, before, seen)
+            replacements += 1
             if replaced is None:
                 record("stop", None, table)
                 break

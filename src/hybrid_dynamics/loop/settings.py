@@ -86,7 +86,8 @@ class LoopSettings:
     @property
     def further(self) -> tuple[str, ...]:
         """Families asked only where the plainer ones leave something."""
-        return () if self.effects else tuple(name for name in catalogue(everything=True) if name not in self.families)
+        rest = [name for name in catalogue(everything=True) if name not in self.families]
+        return () if self.effects else tuple(name for name in rest if not family(name).asked_only)
 
     @property
     def options(self) -> dict[str, Any]:
