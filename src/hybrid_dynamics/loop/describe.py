@@ -16,7 +16,6 @@ from hybrid_dynamics.loop.floor import Floor
 from hybrid_dynamics.loop.identifiability import inconsistent, indistinguishable, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.prepare import Logs
-from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unexplained import expression_of
 from hybrid_dynamics.robots import Robot
@@ -85,7 +84,7 @@ def describe_result(
         "autocorrelation": floor.autocorrelation.tolist(),
         "extrapolation": outside,
         "unexplained": [
-            _unexplained(robot, said.model, logs.train, judge, floor, int(j)) for j in np.flatnonzero(~explained)
+            _unexplained(robot, said.model, logs, judge, floor, int(j)) for j in np.flatnonzero(~explained)
         ],
         "not_identifiable": [
             {
@@ -99,7 +98,7 @@ def describe_result(
     return Diagnosis.from_json(rounded(diagnosis)), stages
 
 
-def _unexplained(robot: Robot, model: Model, runs: list[Run], judge: Judge, floor: Floor, joint: int) -> dict[str, Any]:
+def _unexplained(robot: Robot, model: Model, logs: Logs, judge: Judge, floor: Floor, joint: int) -> dict[str, Any]:
     # Of what is left, the share that a black box removes; where none can be learned, what second differences deny.
     share = float(floor.learnable_share[joint])
     if not floor.motion_dependent[joint]:
@@ -107,7 +106,7 @@ def _unexplained(robot: Robot, model: Model, runs: list[Run], judge: Judge, floo
     return {
         "joint": robot.joint_names[joint],
         "share_of_residual_variance": share,
-        "expression": expression_of(model, runs, joint, judge.settings.evaluations),
+        "expression": expression_of(model, logs.train, logs.test, joint, judge.settings.evaluations),
     }
 
 
