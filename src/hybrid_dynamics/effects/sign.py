@@ -30,6 +30,16 @@ def width_settings(widths: tuple[float, ...]) -> list[Settings]:
     return [((WIDTH, float(w)),) if w > 0 else () for w in widths]
 
 
+def sign_part(settings: Settings) -> Settings:
+    """Of ``settings`` those that say how the sign turns over."""
+    return tuple(s for s in settings if s[0] in (WIDTH, TRAVEL))
+
+
+def with_sign(settings: Settings, way: Settings) -> Settings:
+    """``settings`` with the sign turning over in another ``way``."""
+    return tuple(sorted((*(s for s in settings if s[0] not in (WIDTH, TRAVEL)), *way)))
+
+
 def travel_settings(travels: tuple[float, ...]) -> list[Settings]:
     """One settings tuple per travel [rad]."""
     return [((TRAVEL, float(s)),) for s in travels]

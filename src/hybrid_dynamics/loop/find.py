@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Effect, Slot
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
 from hybrid_dynamics.loop.floor import difference_floor
-from hybrid_dynamics.loop.further import further_candidates, refine
+from hybrid_dynamics.loop.further import further_candidates, refine, simplify
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.prune import choose, from_everything, keep_sure
@@ -77,7 +77,7 @@ def find(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None
     if len({s.place for s in candidates}) > looked:
         further = search(judge, candidates, report, chosen)
         steps += further
-        chosen = refine(judge, further[-1].slots)
+        chosen = simplify(judge, refine(judge, further[-1].slots), candidates)
         looked = len({s.place for s in candidates})
     held = judge.mean_square(evidence.held(chosen, physical=True))
     if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):

@@ -69,6 +69,22 @@ def _promising(judge: Judge, chosen: Sequence[Slot], slots: Sequence[Slot]) -> l
     return [slot for _, slot in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:MOST_PLACES]]
 
 
+def simplify(judge: Judge, chosen: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
+    """``chosen`` with every effect that holds another as a special case given back to that one where it is as good."""
+    evidence = judge.evidence
+    out = list(chosen)
+    for i, slot in enumerate(out):
+        plainer = [c for c in candidates if c.effect in slot.family().contains and c.joint == slot.joint]
+        trials = [[*out[:i], c, *out[i + 1 :]] for c in plainer]
+        if not trials:
+            continue
+        best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[i])))
+        if judge.as_good(evidence.held(best, physical=True), evidence.held(out, physical=True)):
+            out = best
+    refit(evidence, out)
+    return out
+
+
 def refine(judge: Judge, chosen: Sequence[Slot]) -> list[Slot]:
     """``chosen`` with nonlinear parameters at the best value between their bounds, one after the other, twice."""
     evidence = judge.evidence

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects import Slot
-from hybrid_dynamics.effects.sign import travel_settings
+from hybrid_dynamics.effects.sign import sign_part, travel_settings, with_sign
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, overlap, pairs
@@ -23,7 +23,7 @@ from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers,
 from hybrid_dynamics.types import Array
 
 #: An effect that was dropped this often is left alone.
-MOST_DROPS = 1
+MOST_DROPS = 2
 #: Replacements in one search.
 MOST_REPLACEMENTS = 5
 #: What takes the place of an effect must be able to make at least this share of its torque.
@@ -119,18 +119,22 @@ def choose_signs(judge: Judge, current: Sequence[Slot]) -> list[Slot]:
     evidence = judge.evidence
     turning = [s for s in current if s.family().turns_sign and not evidence.in_base(s)]
     evidence.add_slots(
-        [replace(s, settings=settings) for s in turning for settings in travel_settings(judge.settings.sign_travels)]
+        [
+            replace(s, settings=with_sign(s.settings, way))
+            for s in turning
+            for way in travel_settings(judge.settings.sign_travels)
+        ]
     )
     best = list(current)
     refit(evidence, best)
-    ways = sorted({s.settings for s in evidence.slots if s.family().turns_sign})
+    ways = sorted({sign_part(s.settings) for s in evidence.slots if s.family().turns_sign})
     for joint in sorted({s.index for s in turning}):
         own = [i for i, s in enumerate(best) if s.joint == joint and s in turning]
         reference = evidence.held(best)
         error = evidence.held_out_all_rows(best, joint)
         start = list(best)
-        for settings in ways:
-            trial = [replace(s, settings=settings) if i in own else s for i, s in enumerate(start)]
+        for way in ways:
+            trial = [replace(s, settings=with_sign(s.settings, way)) if i in own else s for i, s in enumerate(start)]
             if trial == start or not all(evidence.has(s) for s in trial):
                 continue
             loss = judge.gain(reference, evidence.held(trial))
