@@ -30,7 +30,8 @@ def main() -> None:
         reader = section(params, f"{name}.reader", ReaderSettings)
         trajectories = (part for run in runs for part in read_run(reader, run, files.source, robot, print))
     else:
-        twin = section(params, f"{name}.twin", TwinSettings | None)
+        described: type[TwinSettings | None] = TwinSettings | None  # type: ignore[assignment]
+        twin = section(params, f"{name}.twin", described)
         if twin is None:
             raise InputError(
                 f"dataset {files.dataset}: the recording cannot be had and {name}.twin is null; provide the recording "
