@@ -150,7 +150,13 @@ def _solve_cones(a: Array, b: Array, constraints: Constraints, farthest: float) 
         cones,
         settings,
     )
-    solution = solver.solve()
+    try:
+        solution = solver.solve()
+    except BaseException as error:
+        # Its eigenvalue routine may give up on data that says nothing; a panic in Rust is no Exception.
+        if type(error).__name__ != "PanicException":
+            raise
+        return None
     if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
         return None
     return np.asarray(np.maximum(scale * np.array(solution.x), constraints.lower))
