@@ -124,6 +124,34 @@ def keep_sure(
         report(steps[-1])
 
 
+def complete(judge: Judge, chosen: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
+    """``chosen`` with common families on their remaining joints too, where the data says so.
+
+    What surely sits on most joints is one cause: on each other joint its parameter must exceed its own standard error
+    at the level of n questions, and held-out runs must not speak against it. In short runs a held-out part may hold
+    motions that the rest does not know, so a gain there is much to ask of a name that is expected.
+    """
+    evidence = judge.evidence
+    out = list(chosen)
+    moving = [int(j) for j in np.flatnonzero(evidence.samples >= FEWEST_ROWS)]
+    sits = Counter(s.effect for s in out if s.joint is not None and s.family().everywhere)
+    common = sorted(name for name, count in sits.items() if count >= max(FEWEST_COMMON, (len(moving) + 1) // 2))
+    for name in common:
+        for joint in moving:
+            offered = [c for c in candidates if c.effect == name and c.joint == joint]
+            if not offered or any(s.joint == joint and (s.effect == name or name in s.family().contains) for s in out):
+                continue
+            trials = [[*out, c] for c in offered]
+            best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[-1])))
+            x = evidence.fit(best)
+            spread = float(np.sqrt(max(evidence.covariance(best, x)[-1, -1], 0.0)))
+            gain = judge.gain(evidence.held(best, physical=True), evidence.held(out, physical=True))
+            if abs(x[-1]) > judge.level(evidence.n, gain.blocks) * spread and gain.total > -gain.error:
+                out = best
+    refit(evidence, out)
+    return out
+
+
 def losses(judge: Judge, current: Sequence[Slot], noise: Held | None = None) -> dict[Slot, Gain]:
     """What each effect is worth in the model of all of them; uncertainty from what ``noise`` leaves, or they do."""
     full = judge.evidence.held(current, physical=True)
