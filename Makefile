@@ -11,7 +11,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help deps venv repro tables test lint params ui lock bench bench-peers check
+.PHONY: dag help deps venv repro tables test lint params ui lock bench bench-peers check
 
 help:
 	@echo "make repro   set up .venv, run the whole study (dvc repro in two lanes), print the tables and the report's path"
@@ -66,6 +66,10 @@ params: venv
 # What each stage imports, and a stage for every method of the table, into dvc.yaml.
 deps: venv
 	@python -m stages.deps
+
+# The stages as a picture that GitHub and GitLab draw.
+dag: venv
+	@python -m stages.dag
 
 ui: venv
 	@mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///$(CURDIR)/mlflow.db
