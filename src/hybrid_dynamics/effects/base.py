@@ -208,6 +208,10 @@ class Family(ABC):
         """Slots suggested by what a model leaves: ``residuals`` (T, n) [N m], one for each of ``motions`` (runs)."""
         return []
 
+    def surface(self, x: Array, robot: Robot, slot: Slot) -> tuple[Array, float] | None:
+        """Tangent plane ``normal @ y = value``, near ``x``, of the surface that coordinates lie on; None: anywhere."""
+        return None
+
     def is_wide(self, slot: Slot) -> bool:
         """True where ``slot`` shows in several joints' torques: only looked for with every joint's own effects in."""
         return self.scope != "joint"
@@ -291,10 +295,6 @@ class Family(ABC):
     def inertial_bodies(self, robot: Robot, slot: Slot) -> list[tuple[int, Array]]:
         """Bodies that must stay physical: first of ten coordinates, and the inertia (10,) they are added to."""
         return []
-
-    def settle(self, x: Array, robot: Robot, slot: Slot) -> Array:
-        """The coordinates nearest to ``x`` (p,) that the effect can have, where not all of them stand for one."""
-        return x
 
     # -- published parameters -----------------------------------------------------------------------------------------
     def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:

@@ -72,10 +72,11 @@ class GravityTilt(Family):
     def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
         return np.full(3, 5.0)
 
-    def settle(self, x: Array, robot: Robot, slot: Slot) -> Array:
+    def surface(self, x: Array, robot: Robot, slot: Slot) -> tuple[Array, float]:
+        # Gravity turns and keeps its size: a size of its own would be a gain that no angle can publish.
         own = np.asarray(robot.model.gravity.linear)
-        turned = own + x
-        return np.asarray(turned * np.linalg.norm(own) / max(float(np.linalg.norm(turned)), 1e-12) - own)
+        normal = (own + x) / max(float(np.linalg.norm(own + x)), 1e-12)
+        return normal, float(np.linalg.norm(own) - normal @ own)
 
     def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
         roll, pitch = base_angles(np.asarray(robot.model.gravity.linear) + x)

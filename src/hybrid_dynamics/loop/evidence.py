@@ -34,6 +34,8 @@ ONLY_RUN = "only_run"
 
 #: A block lasts at least this many windows of the filter.
 BLOCK_WINDOWS = 4.0
+#: Weight of a surface that coordinates must lie on, against the data.
+STIFF = 1e4
 #: Share of a joint's moving rows in one run beyond which runs cannot stand in for each other.
 MOST_IN_ONE = 0.8
 #: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
@@ -455,8 +457,27 @@ class Evidence:
         if layout.total == 0:
             return np.zeros(0)
         a, b = self.normal(layout, self.full_gram if grams is None else grams)
-        constraints = self.constraints(layout)
-        return solve(a, b, constraints) if physical else solve_bounded(a, b, constraints.lower)
+        return self._solved(layout, a, b, self.constraints(layout), physical)
+
+    def _solved(self, layout: Layout, a: Array, b: Array, constraints: Constraints, physical: bool) -> Array:
+        """Coordinates under ``constraints``; those that must lie on a surface are held to its tangent plane, twice."""
+        x = solve(a, b, constraints) if physical else solve_bounded(a, b, constraints.lower)
+        for _ in range(2):
+            planes = [
+                (start, plane)
+                for slot, start in zip(layout.slots, layout.starts, strict=True)
+                if (plane := slot.family().surface(x[start : start + slot.size], self.robot, slot)) is not None
+            ]
+            if not planes:
+                break
+            stiff, target = a.copy(), b.copy()
+            for start, (normal, value) in planes:
+                own = slice(start, start + len(normal))
+                weight = STIFF * float(np.diag(a)[own].max())
+                stiff[own, own] += weight * np.outer(normal, normal)
+                target[own] += weight * value * normal
+            x = solve(stiff, target, constraints) if physical else solve_bounded(stiff, target, constraints.lower)
+        return x
 
     def errors(self, slots: Sequence[Slot], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:
         """Squared residual sums (blocks, n) [N m]^2 of coordinates ``x``."""
@@ -485,12 +506,7 @@ class Evidence:
             folds = []
             for f in range(self.folds):
                 a, b = self.normal(layout, self.fold_gram[f], indices)
-                if layout.total == 0:
-                    x = np.zeros(0)
-                elif physical:
-                    x = solve(a, b, constraints)
-                else:
-                    x = solve_bounded(a, b, constraints.lower)
+                x = self._solved(layout, a, b, constraints, physical) if layout.total else np.zeros(0)
                 folds.append(self._residual_vectors(indices, x))
             self._cache[key] = Held(self, folds)
         return self._cache[key]
