@@ -10,13 +10,18 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Effect, Slot
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.tangents import covariance_with_settings
 
 Array = NDArray[np.float64]
 
 
 def effects_of(evidence: Evidence, slots: Sequence[Slot], x: Array, covariance: Array | None = None) -> list[Effect]:
-    """Coordinates ``x`` as effects with published parameters and their standard errors."""
+    """Coordinates ``x`` as effects with published parameters and their standard errors.
+
+    ``covariance`` of the coordinates, or of them and the nonlinear parameters behind them (:mod:`.tangents`).
+    """
     layout = evidence.layout(slots)
+    behind = layout.total
     names = evidence.robot.joint_names
     out = []
     for slot, start in zip(layout.slots, layout.starts, strict=True):
@@ -25,8 +30,12 @@ def effects_of(evidence: Evidence, slots: Sequence[Slot], x: Array, covariance: 
         values = kind.parameters_of(x[own], evidence.robot, slot)
         errors: dict[str, float] = {}
         if covariance is not None:
-            jacobian = kind.jacobian(x[own], evidence.robot, slot)
-            variance = np.einsum("ij,jk,ik->i", jacobian, covariance[own, own], jacobian)
+            jacobian, which = kind.jacobian(x[own], evidence.robot, slot), list(range(own.start, own.stop))
+            if len(covariance) > layout.total and kind.nonlinear_settings:
+                jacobian = np.hstack([jacobian, kind.setting_jacobian(x[own], evidence.robot, slot)])
+                which += range(behind, behind + len(kind.nonlinear_settings))
+                behind += len(kind.nonlinear_settings)
+            variance = np.einsum("ij,jk,ik->i", jacobian, covariance[np.ix_(which, which)], jacobian)
             errors = {k: float(np.sqrt(max(v, 0.0))) for k, v in zip(values, variance, strict=True)}
         joints = () if slot.joint is None else (names[slot.joint],)
         out.append(Effect(slot.effect, joints, values, dict(slot.settings), errors))
@@ -60,4 +69,6 @@ def refit(evidence: Evidence, slots: Sequence[Slot], rounds: int = 3, everything
 def model_of(evidence: Evidence, slots: Sequence[Slot], covariance: bool = True) -> Model:
     """The completed model: the start and the effects of ``slots`` fitted on all training rows."""
     x = refit(evidence, slots)
-    return evidence.base.adding(effects_of(evidence, slots, x, evidence.covariance(slots, x) if covariance else None))
+    return evidence.base.adding(
+        effects_of(evidence, slots, x, covariance_with_settings(evidence, slots, x) if covariance else None)
+    )

@@ -17,6 +17,7 @@ from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.prune import choose, complete, from_everything, keep_sure
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.search import Step, choose_signs, search
+from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.loop.trace import Judge
 
 Array = NDArray[np.float64]
@@ -42,7 +43,8 @@ class Found:
     def effects(self, covariance: bool = True) -> list[Effect]:
         """With published parameters and standard errors."""
         evidence = self.judge.evidence
-        return effects_of(evidence, self.slots, self.x, evidence.covariance(self.slots, self.x) if covariance else None)
+        own = covariance_with_settings(evidence, self.slots, self.x) if covariance else None
+        return effects_of(evidence, self.slots, self.x, own)
 
     def model(self, slots: Sequence[Slot], covariance: bool = True) -> Model:
         """The completed model with ``slots`` of these alone: re-fitted, but where runs disagree."""
