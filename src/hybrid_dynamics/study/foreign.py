@@ -191,8 +191,13 @@ def _load(rng: np.random.Generator) -> Make:
     return lambda robot, joint, size: Hidden("load_friction", 1 + joint % 2, {"coefficient": 0.05 * size})
 
 
+def _zero(rng: np.random.Generator) -> Make:
+    # Where gravity hardly changes with the joint, no zero is wrong enough to be seen.
+    return lambda robot, joint, size: Hidden("position_offset", 1 + joint % 2, {"offset": 0.01 * size})
+
+
 def _gain(rng: np.random.Generator) -> Make:
-    return lambda robot, joint, size: Hidden("gain", joint, {"gain": 1.0 + 0.05 * size})
+    return lambda robot, joint, size: Hidden("gain", 1 + joint % 2, {"gain": 1.0 + 0.05 * size})
 
 
 def _mass(rng: np.random.Generator) -> Make:
@@ -270,7 +275,7 @@ KNOWN = (
     Recipe("ripple", _ripple(0.0), _one("torque_ripple", amplitude="amplitude", harmonic="harmonic", phase="phase")),
     Recipe("gear", _coupled("tendon"), _gear),
     Recipe("coupling", _coupled("own_coupling"), _own_coupling),
-    Recipe("zero", _plain("position_offset", offset=0.01), _one("position_offset", offset="offset")),
+    Recipe("zero", _zero, _one("position_offset", offset="offset")),
     Recipe("delay", _plain("delay", True, delay=0.001), _one("time_delay", delay="delay")),
     Recipe("payload", _block(True), _payload),
     Recipe("link", _block(False), _link),
