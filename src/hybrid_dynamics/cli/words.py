@@ -50,10 +50,16 @@ def details(diagnosis: Mapping[str, Any]) -> list[str]:
     out = []
     alarms = diagnosis.get("motion_dependent") or [False] * len(diagnosis["joints"])
     told = {entry["joint"] for entry in diagnosis["unexplained"]}
+    doubts = dict(zip(diagnosis["joints"], diagnosis.get("cannot_tell", []), strict=False))
     for entry in diagnosis["unexplained"]:
         share = entry["share_of_residual_variance"]
-        looks = f"; it looks like {entry['expression']}" if entry.get("expression") else ""
-        out.append(f"not down to noise: {entry['joint']}: {share:.0%} of what is left is no noise{looks}")
+        looks = f"; it looks like {entry['expression']}" if entry.get("expression", "0") != "0" else ""
+        if doubts.get(entry["joint"]):
+            out.append(
+                f"cannot tell: {entry['joint']}: what is left may be slow noise or an effect that is missing{looks}"
+            )
+        else:
+            out.append(f"not down to noise: {entry['joint']}: {share:.0%} of what is left is no noise{looks}")
     for joint, alarm in zip(diagnosis["joints"], alarms, strict=False):
         if alarm and joint not in told:
             out.append(f"not down to noise: {joint}: what is left depends on the motion")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +76,9 @@ def close_loop(
     viscous_friction shoulder 3.00
     coulomb_friction elbow 1.50
     """
-    # One thread: matrices are small, and the same input gives the same digits on every machine load.
+    # One thread: matrices are small, and the same input gives the same digits on every machine load. A library that
+    # comes later brings threads of its own, so it is loaded before they are limited.
+    import_module("sklearn.ensemble")
     with threadpool_limits(1):
         return _close(
             robot,
