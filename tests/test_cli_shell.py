@@ -219,7 +219,7 @@ def test_an_ascii_terminal_and_names_with_brackets(here, tmp_path):
     process = program(
         *arguments, cwd=tmp_path, env={"PYTHONIOENCODING": "ascii", "LC_ALL": "C"}, stdout=-1, stderr=-1, text=True
     )
-    out, error = process.communicate(timeout=120)
+    out, error = process.communicate(timeout=900)
     assert process.returncode == 0, error
     assert "[red]schulter ?" in out
     assert "->" in out.splitlines()[1]
@@ -233,7 +233,7 @@ def test_a_termination_is_an_interruption(here):
     assert process.stderr is not None
     process.stderr.readline()  # the first stage of the loop is announced
     process.send_signal(signal.SIGTERM)
-    rest = process.communicate(timeout=60)[1]
+    rest = process.communicate(timeout=900)[1]
     assert process.returncode == 130, rest
     assert rest.splitlines()[-1] == "interrupted"
     assert {p.name: p.read_bytes() for p in Path("out").iterdir()} == before
@@ -246,7 +246,7 @@ def test_a_full_disk_leaves_the_old_results(here):
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))"
     code = f"{limit}; from hybrid_dynamics.cli import main; main()"
     process = subprocess.run(
-        [sys.executable, "-c", code, *CLOSE, "--quiet"], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", code, *CLOSE, "--quiet"], capture_output=True, text=True, timeout=900, check=False
     )
     assert process.returncode == 2, process.stderr
     assert len(process.stderr.splitlines()) == 1

@@ -31,7 +31,9 @@ def bare(monkeypatch: pytest.MonkeyPatch) -> None:
     for names in EXTRAS.values():
         for name in names:
             monkeypatch.setitem(sys.modules, name, None)
+    # A module that another test has loaded is also an attribute of its package.
     monkeypatch.delitem(sys.modules, "hybrid_dynamics.readers.decoders", raising=False)
+    monkeypatch.delattr("hybrid_dynamics.readers.decoders", raising=False)
 
 
 def test_a_bag_without_its_extra_is_refused_with_the_remedy(bare: None, tmp_path: Path) -> None:

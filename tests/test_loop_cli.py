@@ -50,6 +50,7 @@ def test_close_loop_writes_its_three_files_and_predict_uses_them(logs, tmp_path,
     out = tmp_path / "out"
     arguments = (
         "close-loop",
+        "--ignore-dynamics",
         "--robot",
         logs / "panda.urdf",
         "--train",
@@ -105,7 +106,8 @@ def test_a_tenth_of_the_samples_missing_changes_nothing(logs, tmp_path):
         files.append(tmp_path / f"{name}.csv")
         frame[keep].to_csv(files[-1], index=False)
     out = tmp_path / "out"
-    arguments = ("close-loop", "--robot", logs / "panda.urdf", "--train", *files[:2], "--test", files[2], "--out", out)
+    robot = ("--robot", logs / "panda.urdf", "--ignore-dynamics")
+    arguments = ("close-loop", *robot, "--train", *files[:2], "--test", files[2], "--out", out)
     assert run(*arguments) == 0
     diagnosis = json.loads((out / "diagnosis.json").read_text())
     found = {(e["effect"], *e["joints"]) for e in diagnosis["effects"]}

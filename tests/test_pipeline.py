@@ -100,7 +100,9 @@ def test_second_pass_runs_source_checks_only(study):
     assert done.returncode == 0, done.stderr
     ran = [line for line in done.stdout.splitlines() if line.startswith("Running stage")]
     names = {line.split("'")[1] for line in ran}
-    assert names == {"fetch_ur10e", "fetch_wam", "track"}
+    fetching = {name for name in names if name.startswith("fetch")}
+    assert {"fetch_ur10e", "fetch_wam"} <= fetching
+    assert names - fetching == {"track"}
     assert "0 of" in done.stdout, "nothing new may be logged to MLflow"
 
 

@@ -94,7 +94,7 @@ def mimics(root: ET.Element, path: str | os.PathLike[str]) -> list[Mimic]:
         where = f"{path}: joint {name}"
         if leader not in driven:
             raise InputError(
-                f"{where} mimics {leader!r}, which is no driven joint; expected one of {', '.join(driven)}"
+                f"{where} mimics {leader!r}, which is no driven joint; expected one of {', '.join(sorted(driven))}"
             )
         factors = [
             numbers(element, key, 1, where)[0] if element.get(key) is not None else default
