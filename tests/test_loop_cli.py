@@ -70,6 +70,7 @@ def test_close_loop_writes_its_three_files_and_predict_uses_them(logs, tmp_path,
     shutil.copytree(logs, bare)
     arguments = (
         "close-loop",
+        "--ignore-dynamics",
         "--robot",
         bare / "panda.urdf",
         "--train",
