@@ -128,7 +128,7 @@ def start_from_body(robot: Robot, effects: list[Effect]) -> list[Slot]:
     slots = [s for name in FAMILIES for s in family(name).slots(robot, moving, LoopSettings().options)]
     evidence = Evidence(Model(robot), runs, slots, LoopSettings())
     floor = noise_floor(evidence)
-    evidence.weigh(1 / floor**2)
+    evidence.weigh(floor)
     torque = np.concatenate([run.tau for run in runs]).var(axis=0)
     judged = Judge(evidence, LoopSettings(), floor, torque, np.zeros(robot.n_joints))
     steps = search(judged, slots, lambda step: None, [Slot("link_inertia", 1)])

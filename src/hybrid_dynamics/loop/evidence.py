@@ -105,7 +105,8 @@ def _follows(slot: Slot) -> bool:
     return slot.family().uses_load or slot.family().uses_torque
 
 
-def _order(slot: Slot) -> tuple[str, int, str]:
+def slot_order(slot: Slot) -> tuple[str, int, str]:
+    """Key that sorts slots the same way every time."""
     return slot.effect, -1 if slot.joint is None else slot.joint, repr(slot.settings)
 
 
@@ -359,9 +360,10 @@ class Evidence:
                 gram[:, -1] = value
                 gram[-1, :] = value
 
-    def weigh(self, weights: Array) -> None:
-        """Weights (n,) [1/(N m)^2] of the joints in every fit and score."""
-        self.weights = weights
+    def weigh(self, floor: Array) -> None:
+        """Weigh the joints in every fit and score by ``floor`` (n,) [N m]; one without a floor counts nothing."""
+        seen = floor > 0
+        self.weights = np.where(seen, 1.0 / np.where(seen, floor, 1.0) ** 2, 0.0)
         self._cache = {}
 
     def relinearise(self, effects: Sequence[Effect], slots: Sequence[Slot], x: Array) -> None:
@@ -501,7 +503,7 @@ class Evidence:
         """Held-out prediction by ``slots``: fits under bounds alone, or with bodies and friction held ``physical``."""
         key = frozenset(slots), physical
         if key not in self._cache:
-            layout = self.layout(sorted(key[0], key=_order))
+            layout = self.layout(sorted(key[0], key=slot_order))
             indices, constraints = self.indices(layout), self.constraints(layout)
             folds = []
             for f in range(self.folds):
@@ -519,10 +521,6 @@ class Evidence:
             v[-1] = 1.0
             out.append(v)
         return out
-
-    def held_out(self, slots: Sequence[Slot], physical: bool = False) -> Array:
-        """Squared held-out residual sums (blocks, n): every fold predicted by a fit on the others."""
-        return self.held(slots, physical).errors
 
     def constrained(self, slots: Sequence[Slot]) -> bool:
         """True where the fit of ``slots`` under bounds alone asks for a body or a friction that cannot exist."""

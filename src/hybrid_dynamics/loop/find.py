@@ -71,7 +71,7 @@ def find(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None
         if lower is None:
             break
         judge = replace(judge, floor=lower)
-        evidence.weigh(np.where(lower > 0, 1.0 / np.where(lower > 0, lower, 1.0) ** 2, 0.0))
+        evidence.weigh(lower)
         further = search(judge, candidates, report, chosen)
         steps += further
         chosen = list(further[-1].slots)

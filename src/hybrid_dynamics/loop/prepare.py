@@ -62,7 +62,7 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     # A rich model of few rows follows the noise; second differences see it whatever the model.
     low = difference_floor(logs.train, evidence.base_target, evidence.mask)
     floor = np.where(seen, np.maximum(np.maximum(noise_floor(evidence), low), least), 0.0)
-    evidence.weigh(np.where(floor > 0, 1.0 / np.where(floor > 0, floor, 1.0) ** 2, 0.0))
+    evidence.weigh(floor)
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
     return Judge(evidence, settings, floor, torque.var(axis=0), misfit), slots, notes
 

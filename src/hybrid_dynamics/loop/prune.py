@@ -15,8 +15,8 @@ import numpy as np
 from hybrid_dynamics.effects import Slot
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.evidence import Held
-from hybrid_dynamics.loop.search import Step, better_settings
-from hybrid_dynamics.loop.trace import FEWEST_ROWS, Candidate, Gain, Judge, covers, rank, same_place
+from hybrid_dynamics.loop.search import Step, better_settings, step_of
+from hybrid_dynamics.loop.trace import DECISIVE, FEWEST_ROWS, Gain, Judge, covers, rank, same_place
 
 #: A family must surely sit on at least this many joints, and on half of those that move, to be common.
 FEWEST_COMMON = 3
@@ -40,7 +40,7 @@ def from_everything(judge: Judge, candidates: Sequence[Slot], report: Callable[[
     current = list(places.values())
     refit(evidence, current)
     current = better_settings(judge, current, candidates)
-    steps = [_step(judge, "start", None, current)]
+    steps = [step_of(judge, "start", None, current)]
     report(steps[-1])
     wide = [c for c in candidates if c.family().is_wide(c)]
     while wide:
@@ -51,7 +51,7 @@ def from_everything(judge: Judge, candidates: Sequence[Slot], report: Callable[[
         current = [s for s in current if not covers(choice.slot, s)] + [choice.slot]
         wide = [c for c in wide if not same_place(c, choice.slot)]
         refit(evidence, current)
-        steps.append(_step(judge, "add", choice.slot, current, table))
+        steps.append(step_of(judge, "add", choice.slot, current, table))
         report(steps[-1])
     current = better_settings(judge, current, candidates)
     while True:
@@ -70,7 +70,7 @@ def from_everything(judge: Judge, candidates: Sequence[Slot], report: Callable[[
         current = rest
         refit(evidence, current)
         for slot in bunch:
-            steps.append(_step(judge, "drop", slot, current))
+            steps.append(step_of(judge, "drop", slot, current))
             report(steps[-1])
     return steps
 
@@ -120,7 +120,7 @@ def keep_sure(
         _, slot = min(weak, key=lambda item: (item[0], repr(item[1])))
         kept.remove(slot)
         refit(evidence, kept)
-        steps.append(_step(judge, "drop", slot, kept))
+        steps.append(step_of(judge, "drop", slot, kept))
         report(steps[-1])
 
 
@@ -135,8 +135,7 @@ def complete(judge: Judge, chosen: Sequence[Slot], candidates: Sequence[Slot]) -
     out = list(chosen)
     moving = [int(j) for j in np.flatnonzero(evidence.samples >= FEWEST_ROWS)]
     sits = Counter(s.effect for s in out if s.joint is not None and s.family().everywhere)
-    common = sorted(name for name, count in sits.items() if count >= max(FEWEST_COMMON, (len(moving) + 1) // 2))
-    for name in common:
+    for name in sorted(_on_most(sits, len(moving))):
         for joint in moving:
             offered = [c for c in candidates if c.effect == name and c.joint == joint]
             if not offered or any(s.joint == joint and (s.effect == name or name in s.family().contains) for s in out):
@@ -167,14 +166,19 @@ def _common(judge: Judge, gains: dict[Slot, Gain], looked: int) -> set[str]:
         if slot.joint is not None and gain.surer_than(judge.level(looked, gain.blocks)):
             sure[slot.effect] += 1
     moving = int((judge.evidence.samples >= FEWEST_ROWS).sum())
-    return {name for name, count in sure.items() if count >= max(FEWEST_COMMON, (moving + 1) // 2)}
+    return _on_most(sure, moving)
+
+
+def _on_most(sits: Counter[str], moving: int) -> set[str]:
+    """Families that sit on enough of the ``moving`` joints to be common."""
+    return {name for name, count in sits.items() if count >= max(FEWEST_COMMON, (moving + 1) // 2)}
 
 
 def _idle(judge: Judge, current: Sequence[Slot], share: float) -> list[tuple[float, Slot]]:
     """Effects without which the held-out error hardly grows, least needed first."""
     idle = []
     for slot, loss in losses(judge, current).items():
-        if not (loss.surer_than(1.0) and judge.matters(slot, loss.per_joint, share, loss.surer_than(3.0))):
+        if not (loss.surer_than(1.0) and judge.matters(slot, loss.per_joint, share, loss.surer_than(DECISIVE))):
             idle.append((loss.total, slot))
     return sorted(idle, key=lambda item: (item[0], repr(item[1])))
 
@@ -183,10 +187,3 @@ def _held(judge: Judge, slots: Sequence[Slot]) -> Held:
     """Held-out prediction with the linearisation at these slots."""
     refit(judge.evidence, slots)
     return judge.evidence.held(slots, physical=True)
-
-
-def _step(
-    judge: Judge, action: str, slot: Slot | None, current: Sequence[Slot], table: Sequence[Candidate] = ()
-) -> Step:
-    rms = np.sqrt(judge.mean_square(judge.evidence.held(current, physical=True)))
-    return Step(action, slot, tuple(current), tuple(table), tuple(float(v) for v in rms))

@@ -43,6 +43,14 @@ class Step:
     held_out: tuple[float, ...]
 
 
+def step_of(
+    judge: Judge, action: str, slot: Slot | None, current: Sequence[Slot], table: Sequence[Candidate] = ()
+) -> Step:
+    """The step after which the model has the slots ``current``, with its held-out rms per joint [N m]."""
+    rms = np.sqrt(judge.mean_square(judge.evidence.held(current, physical=True)))
+    return Step(action, slot, tuple(current), tuple(table), tuple(float(v) for v in rms))
+
+
 def search(
     judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None], start: Sequence[Slot] = ()
 ) -> list[Step]:
@@ -55,8 +63,7 @@ def search(
     replacements = 0
 
     def record(action: str, slot: Slot | None, table: Sequence[Candidate] = ()) -> None:
-        rms = np.sqrt(judge.mean_square(evidence.held(current, physical=True)))
-        steps.append(Step(action, slot, tuple(current), tuple(table), tuple(float(v) for v in rms)))
+        steps.append(step_of(judge, action, slot, current, table))
         report(steps[-1])
 
     while True:

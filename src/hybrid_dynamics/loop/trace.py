@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Slot
-from hybrid_dynamics.loop.evidence import Evidence, Held
+from hybrid_dynamics.loop.evidence import Evidence, Held, slot_order
 from hybrid_dynamics.loop.settings import LoopSettings
 
 Array = NDArray[np.float64]
@@ -98,10 +98,6 @@ class Judge:
         per_joint = gain / np.maximum(self.evidence.samples, 1)
         return Gain(float(gain @ weights), 2.0 * error, np.asarray(per_joint), blocks)
 
-    def score(self, held: Held) -> float:
-        """Weighted held-out squared error."""
-        return held.score
-
     def mean_square(self, held: Held) -> Array:
         """(n,) [N m]^2."""
         return np.asarray(held.joint_errors / np.maximum(self.evidence.samples, 1))
@@ -176,16 +172,16 @@ def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], befo
     if pressed:
         # Every physical fit takes a while then: the best under bounds alone are looked at.
         screened = {c: evidence.held(_joined(current, c)).score for c in free}
-        free = sorted(free, key=lambda c: (screened[c], _key(c)))[: 2 * TABLE_ROWS]
+        free = sorted(free, key=lambda c: (screened[c], slot_order(c)))[: 2 * TABLE_ROWS]
     held = {c: evidence.held(_joined(current, c), physical=True) for c in free}
-    order = sorted(held, key=lambda s: (held[s].score, s.size, _key(s)))[:TABLE_ROWS]
+    order = sorted(held, key=lambda s: (held[s].score, s.size, slot_order(s)))[:TABLE_ROWS]
     rows = {s: _judged(judge, s, before, held[s]) for s in order}
     # Of those that may be named the best, and of its rivals the simplest; without any, the same of all.
     pool = [s for s in order if rows[s].accepted] or order
     if not pool:
         return []
     rivals = [s for s in pool if judge.as_good(held[s], held[pool[0]])]
-    chosen = min(rivals, key=lambda s: (judge.price(s), held[s].score, _key(s)))
+    chosen = min(rivals, key=lambda s: (judge.price(s), held[s].score, slot_order(s)))
     return [rows[chosen], *(rows[s] for s in order if s != chosen)]
 
 
@@ -216,7 +212,3 @@ def covers(general: Slot, special: Slot) -> bool:
 def _joined(current: Sequence[Slot], slot: Slot) -> list[Slot]:
     """``current`` with ``slot`` in the place of what it contains."""
     return [*(s for s in current if not covers(slot, s)), slot]
-
-
-def _key(slot: Slot) -> tuple[str, int, str]:
-    return slot.effect, -1 if slot.joint is None else slot.joint, repr(slot.settings)
