@@ -90,6 +90,11 @@ def link_parameters(robot: Robot, link: int) -> Array:
     return np.asarray(robot.model.inertias[robot.joint_ids[link]].toDynamicParameters())
 
 
+def links_with_mass(robot: Robot, moving: NDArray[np.bool_]) -> list[int]:
+    """Links (0-based) that the model gives a mass and that some moving joint of ``moving`` (n,) carries."""
+    return [j for j in range(robot.n_joints) if moving[: j + 1].any() and link_parameters(robot, j)[0] > 0]
+
+
 def random_block(rng: np.random.Generator) -> Array:
     """Dynamic parameters (10,) of a solid block of 1 kg within a hand's breadth, which any body may carry."""
     edge = rng.uniform(0.05, 0.2, 3)

@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.base import Effect, Family, Slot, register
-from hybrid_dynamics.effects.inertia import link_parameters, to_body, to_dynamic
+from hybrid_dynamics.effects.inertia import link_parameters, links_with_mass, to_body, to_dynamic
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
 
@@ -55,11 +55,7 @@ class LinkCom(Family):
     )
 
     def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
-        return [
-            Slot(self.name, j)
-            for j in range(robot.n_joints)
-            if moving[: j + 1].any() and link_parameters(robot, j)[0] > 0
-        ]
+        return [Slot(self.name, j) for j in links_with_mass(robot, moving)]
 
     def columns(self, motion: Motion, slot: Slot) -> Array:
         own = link_parameters(motion.robot, slot.index)

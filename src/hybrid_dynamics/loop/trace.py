@@ -16,6 +16,7 @@ from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Slot
 from hybrid_dynamics.loop.evidence import Evidence, Held, slot_order
+from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.settings import LoopSettings
 
 Array = NDArray[np.float64]
@@ -39,8 +40,6 @@ class Candidate:
 
 #: Fewer clusters than this say nothing about an uncertainty.
 FEWEST_CLUSTERS = 10
-#: Fewer rows than this and a joint has no say.
-FEWEST_ROWS = 20
 #: Rows of the evidence table that are judged and kept.
 TABLE_ROWS = 12
 #: The family that re-identifies all links, and what it costs: about three single bodies.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 REPORTS = Path("reports")
 RAW = Path("data/raw")
@@ -103,15 +104,17 @@ class DatasetFiles:
 
 
 @dataclass(frozen=True)
-class AddedFiles:
-    """Known effects added to recorded runs of ``dataset``: ``truth`` lies apart, for the stage score_added alone."""
+class HiddenFiles:
+    """Cases with a hidden answer on the robot of ``dataset``: ``truth`` lies apart, for the stage that scores alone."""
 
     dataset: str
     root: Path = Path()
+    #: Name of the folder below ``data``.
+    kind: ClassVar[str]
 
     @property
     def folder(self) -> Path:
-        return self.root / "data" / "added" / self.dataset
+        return self.root / "data" / self.kind / self.dataset
 
     @property
     def logs(self) -> Path:
@@ -127,32 +130,16 @@ class AddedFiles:
 
     @property
     def truth(self) -> Path:
-        return self.root / "data" / "added_truth" / f"{self.dataset}.json"
+        return self.root / "data" / f"{self.kind}_truth" / f"{self.dataset}.json"
 
 
-@dataclass(frozen=True)
-class BlindFiles:
-    """Blind cases on the robot of ``dataset``: ``truth`` lies apart, for the stage score_blind alone."""
+class AddedFiles(HiddenFiles):
+    """Known effects added to recorded runs."""
 
-    dataset: str
-    root: Path = Path()
+    kind = "added"
 
-    @property
-    def folder(self) -> Path:
-        return self.root / "data" / "blind" / self.dataset
 
-    @property
-    def logs(self) -> Path:
-        return self.folder / "logs"
+class BlindFiles(HiddenFiles):
+    """Blind cases."""
 
-    @property
-    def diagnoses(self) -> Path:
-        return self.folder / "diagnoses"
-
-    @property
-    def scores(self) -> Path:
-        return self.folder / "scores.csv"
-
-    @property
-    def truth(self) -> Path:
-        return self.root / "data" / "blind_truth" / f"{self.dataset}.json"
+    kind = "blind"
