@@ -28,9 +28,10 @@ EXTRAS = {
 @pytest.fixture
 def bare(monkeypatch: pytest.MonkeyPatch) -> None:
     """This interpreter as if no extra were installed: a module that is None cannot be imported."""
-    for names in EXTRAS.values():
-        for name in names:
-            monkeypatch.setitem(sys.modules, name, None)
+    blocked = {name for names in EXTRAS.values() for name in names}
+    # A submodule that another test has loaded would be found without its package: it is blocked by its own name.
+    for name in [*blocked, *(name for name in sys.modules if name.partition(".")[0] in blocked)]:
+        monkeypatch.setitem(sys.modules, name, None)
     # A module that another test has loaded is also an attribute of its package.
     monkeypatch.delitem(sys.modules, "hybrid_dynamics.readers.decoders", raising=False)
     monkeypatch.delattr("hybrid_dynamics.readers.decoders", raising=False)
