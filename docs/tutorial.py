@@ -10,7 +10,7 @@ import numpy as np
 
 from hybrid_dynamics import LoopSettings, Model, Robot, close_loop
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop_report import write_result
 
 # 1. A robot is a URDF. This one has two joints.
@@ -33,7 +33,7 @@ hidden = [
     Effect("viscous_friction", ("shoulder",), {"viscous_coefficient": 3.0}),
     Effect("coulomb_friction", ("elbow",), {"coulomb_torque": 1.5}),
 ]
-train, test = exercises(robot, hidden, train=2, test=1, duration=6.0, rate=400.0)
+train, test = excitations(robot, hidden, train=2, test=1, duration=6.0, rate=400.0)
 
 # 3. Close the loop: name what is missing, one effect after the other, until what is left is noise. To save time only
 #    friction is asked for here; without settings every effect of the catalogue competes.

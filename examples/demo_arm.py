@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hybrid_dynamics import Robot
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.trajectory import Trajectory
 
 URDF = """<?xml version="1.0"?>
@@ -41,4 +41,4 @@ def write_urdf(folder: Path) -> Path:
 
 def record(robot: Robot, seconds: float = 8.0) -> tuple[list[Trajectory], list[Trajectory]]:
     """Two runs to learn from and one held out: positions [rad] and drive torques [N m] at 400 Hz."""
-    return exercises(robot, HIDDEN, train=2, test=1, duration=seconds, rate=400.0)
+    return excitations(robot, HIDDEN, train=2, test=1, duration=seconds, rate=400.0)

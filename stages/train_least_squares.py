@@ -1,4 +1,4 @@
-"""Stage train_least_squares: the classical yardstick, identified on the training trajectories of one dataset."""
+"""Stage train_least_squares: the classical baseline, identified on the training trajectories of one dataset."""
 
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_json

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.small_arm import HIDDEN, URDF, arm
 
 from hybrid_dynamics.cli import main
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.model import Model, save_model
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "bad_inputs.md"
@@ -450,7 +450,7 @@ def _fast(folder: Path) -> None:
 def good(folder: Path) -> None:
     """The files that nothing is wrong with: robot.urdf, a.csv, b.csv, test.csv, model.json."""
     (folder / "robot.urdf").write_text(URDF, encoding="utf-8")
-    train, test = exercises(arm(), HIDDEN, train=2, test=1, duration=6.0, rate=200.0)
+    train, test = excitations(arm(), HIDDEN, train=2, test=1, duration=6.0, rate=200.0)
     for name, run in zip(("a", "b", "test"), (*train, *test), strict=True):
         columns = {"time": run.time} | {f"{s}{j + 1}": run[s][:, j] for s in ("q", "tau") for j in range(2)}
         pd.DataFrame(columns).to_csv(folder / f"{name}.csv", index=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -36,7 +36,7 @@ def arm() -> Robot:
 
 def runs(train: int = 2, test: int = 1, duration: float = 8.0) -> tuple[list[Trajectory], list[Trajectory]]:
     """Logs of the arm with what is hidden: 400 Hz, ``q`` and ``tau``."""
-    return exercises(arm(), HIDDEN, train=train, test=test, duration=duration, rate=400.0)
+    return excitations(arm(), HIDDEN, train=train, test=test, duration=duration, rate=400.0)
 
 
 def write_logs(folder: Path) -> Path:

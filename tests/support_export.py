@@ -24,9 +24,9 @@ def drawn(robot: Robot, name: str, seed: int = 0, std_errors: bool = False) -> E
     kind = family(name)
     rng = np.random.default_rng(seed)
     moving = np.ones(robot.n_joints, bool)
-    slot = kind.draw_slot(robot, moving, rng)
-    parameters, settings = kind.at_slot(slot, kind.draw(robot, slot, rng), robot)
-    joints = () if slot.joint is None else (robot.joint_names[slot.joint],)
+    term = kind.draw_term(robot, moving, rng)
+    parameters, settings = kind.at_term(term, kind.draw(robot, term, rng), robot)
+    joints = () if term.joint is None else (robot.joint_names[term.joint],)
     errors = {key: 0.01 + 0.1 * abs(value) for key, value in parameters.items()} if std_errors else {}
     return Effect(name, joints, parameters, settings, errors)
 

@@ -5,7 +5,7 @@ import pytest
 
 from hybrid_dynamics.check.torque import check_torque
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.exercise import exercise
+from hybrid_dynamics.loop.excitation import excitation
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -24,7 +24,7 @@ def panda() -> Robot:
 
 @pytest.fixture(scope="module")
 def run(panda) -> Trajectory:
-    return exercise(panda, FRICTION, duration=16.0, rate=200.0)
+    return excitation(panda, FRICTION, duration=16.0, rate=200.0)
 
 
 def told(robot, *runs) -> list[tuple[str, str, str]]:
@@ -51,7 +51,7 @@ def test_all_signs_wrong_is_no_arm_that_hangs_upside_down(panda, run):
 def test_an_arm_mounted_otherwise_passes_and_its_gravity_is_found(panda, gravity):
     mounted = panda.copy()
     mounted.model.gravity.linear = np.array(gravity, float)
-    log = exercise(mounted, FRICTION, duration=16.0, rate=200.0)
+    log = excitation(mounted, FRICTION, duration=16.0, rate=200.0)
     findings, found = check_torque(panda, [log])
     assert [(f.severity, f.code) for f in findings] == [("note", "mounting")]
     np.testing.assert_allclose(found, gravity, atol=0.3)
@@ -104,7 +104,7 @@ def test_a_delay_is_measured(panda, run, late, severity):
 
 @pytest.mark.parametrize("factor", [10.0, 0.1, 100.0])
 def test_a_clock_that_is_wrong_by_powers_of_ten_is_found(panda, factor):
-    slow = exercise(panda, FRICTION, duration=40.0, rate=200.0)
+    slow = excitation(panda, FRICTION, duration=40.0, rate=200.0)
     clock = Trajectory("run", "train", slow.time * factor, slow.signals)
     findings, _ = check_torque(panda, [clock])
     assert [(f.severity, f.code) for f in findings] == [("hard", "time_scale")]
@@ -115,10 +115,10 @@ def test_a_clock_that_is_wrong_by_powers_of_ten_is_found(panda, factor):
 def test_an_undeclared_payload_is_no_fault_wherever_it_hangs(panda, com, friction):
     body = {"mass": 4.0, "com_x": com[0], "com_y": com[1], "com_z": com[2]}
     inertia = {f"inertia_{a}{b}": 0.01 * (a == b) for a, b in ("xx", "xy", "yy", "xz", "yz", "zz")}
-    log = exercise(panda, [*friction, Effect("payload", (), body | inertia)], duration=16.0, rate=200.0)
+    log = excitation(panda, [*friction, Effect("payload", (), body | inertia)], duration=16.0, rate=200.0)
     assert [f for f in told(panda, log) if f[0] != "note"] == []
 
 
 def test_friction_that_outweighs_everything_else_is_no_fault(panda):
     heavy = [Effect("coulomb_friction", (j,), {"coulomb_torque": 40.0}) for j in JOINTS]
-    assert told(panda, exercise(panda, heavy, duration=16.0, rate=200.0)) == []
+    assert told(panda, excitation(panda, heavy, duration=16.0, rate=200.0)) == []

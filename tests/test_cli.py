@@ -20,7 +20,7 @@ from hybrid_dynamics.cli import main
 from hybrid_dynamics.differentiate import DifferentiateSettings, differentiate_trajectory
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError, run_main
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.model import Model, save_model
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
@@ -37,7 +37,7 @@ def recorded(tmp_path_factory) -> Path:
     (folder / "robot.urdf").write_text(lock_joints(find_description("panda.urdf"), FINGERS))
     robot = Robot.from_urdf(folder / "robot.urdf")
     effects = (Effect("viscous_friction", ("panda_joint1",), {"viscous_coefficient": 2.0}),)
-    (run,), _ = exercises(robot, effects, train=1, test=0, duration=4.0)
+    (run,), _ = excitations(robot, effects, train=1, test=0, duration=4.0)
     write_log(folder / "run.parquet", run, robot.joint_names)
     save_model(folder / "model.json", Model(robot, effects))
     return folder

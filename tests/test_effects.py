@@ -105,15 +105,15 @@ def states() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def torque_of_columns(effect: Effect, robot: Robot, states) -> np.ndarray:
-    slot, kind = effect.slot(robot), family(effect.effect)
-    x = kind.coordinates_of(effect.parameters, robot, slot)
-    columns = kind.columns(Motion(robot, TIME, *states), slot)
-    assert len(x) == slot.size == columns.shape[-1]
+    term, kind = effect.term(robot), family(effect.effect)
+    x = kind.coordinates_of(effect.parameters, robot, term)
+    columns = kind.columns(Motion(robot, TIME, *states), term)
+    assert len(x) == term.size == columns.shape[-1]
     out = np.zeros_like(states[0])
     if columns.ndim == 3:
         out += columns @ x
     else:
-        out[:, slot.joint] += columns @ x
+        out[:, term.joint] += columns @ x
     return out
 
 
@@ -144,20 +144,20 @@ def test_forward_dynamics_of_the_planted_robot_undoes_the_effect(name, panda, st
 @pytest.mark.parametrize("name", sorted(n for n in EXAMPLES if family(EXAMPLES[n].effect).nonlinear_settings))
 def test_nonlinear_parameters_have_columns_and_standard_errors_of_their_own(name, panda, states):
     effect = EXAMPLES[name]
-    kind, slot = family(effect.effect), effect.slot(panda)
-    x = kind.coordinates_of(effect.parameters, panda, slot)
+    kind, term = family(effect.effect), effect.term(panda)
+    x = kind.coordinates_of(effect.parameters, panda, term)
     (refined,) = kind.nonlinear_settings
     assert refined.name not in effect.settings
-    value = slot.options[refined.name]
+    value = term.options[refined.name]
     assert refined.low < value < refined.high
     motion = Motion(panda, TIME, *states)
-    slope = kind.setting_columns(motion, slot, x)[:, 0]
+    slope = kind.setting_columns(motion, term, x)[:, 0]
     step = 1e-3 * value
-    up, down = (kind.columns(motion, slot.refined(**{refined.name: value + s * step})) @ x for s in (1, -1))
+    up, down = (kind.columns(motion, term.refined(**{refined.name: value + s * step})) @ x for s in (1, -1))
     np.testing.assert_allclose((up - down) / (2 * step), slope, atol=1e-3 * np.abs(slope).max())
     assert np.abs(slope).max() > 0
-    jacobian = kind.setting_jacobian(x, panda, slot)
-    moved = kind.parameters_of(x, panda, slot.refined(**{refined.name: value * 1.001}))
+    jacobian = kind.setting_jacobian(x, panda, term)
+    moved = kind.parameters_of(x, panda, term.refined(**{refined.name: value * 1.001}))
     change = np.array([moved[key] - effect.parameters[key] for key in kind.published(effect.settings)])
     np.testing.assert_allclose(jacobian[:, 0] * 0.001 * value, change, rtol=2e-3, atol=1e-9)
 
@@ -165,13 +165,13 @@ def test_nonlinear_parameters_have_columns_and_standard_errors_of_their_own(name
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
 def test_parameters_survive_the_way_to_coordinates_and_back(name, panda):
     effect = EXAMPLES[name]
-    slot, kind = effect.slot(panda), family(effect.effect)
-    x = kind.coordinates_of(effect.parameters, panda, slot)
-    back = kind.parameters_of(x, panda, slot)
+    term, kind = effect.term(panda), family(effect.effect)
+    x = kind.coordinates_of(effect.parameters, panda, term)
+    back = kind.parameters_of(x, panda, term)
     assert back == pytest.approx(dict(effect.parameters), abs=1e-12)
-    jacobian = kind.jacobian(x, panda, slot)
+    jacobian = kind.jacobian(x, panda, term)
     step = 1e-5 * np.random.default_rng(1).normal(size=len(x))
-    moved = kind.parameters_of(x + step, panda, slot)
+    moved = kind.parameters_of(x + step, panda, term)
     change = np.array([moved[key] - back[key] for key in kind.published(effect.settings)])
     np.testing.assert_allclose(jacobian @ step, change, atol=1e-8)
 
@@ -219,13 +219,13 @@ def test_a_tilt_by_any_angle_is_found_exactly_and_two_tilts_are_one(panda, state
     both, _ = plant(started, [truth])
     np.testing.assert_allclose(both.model.gravity.linear, true.model.gravity.linear, atol=1e-12)
     motion = Motion(started, TIME, q, dq, ddq)
-    kind, slot = family("gravity_tilt"), truth.slot(started)
-    columns = kind.columns(motion, slot).reshape(-1, 3)
+    kind, term = family("gravity_tilt"), truth.term(started)
+    columns = kind.columns(motion, term).reshape(-1, 3)
     missing = (true.inverse_dynamics(q, dq, ddq) - started.inverse_dynamics(q, dq, ddq)).ravel()
     x = np.linalg.lstsq(columns, missing, rcond=None)[0]
-    assert kind.parameters_of(x, started, slot) == pytest.approx({"roll": roll, "pitch": pitch}, abs=1e-6)
+    assert kind.parameters_of(x, started, term) == pytest.approx({"roll": roll, "pitch": pitch}, abs=1e-6)
     # The truth lies on the surface that keeps gravity's size; more of the same direction does not.
-    normal, value = kind.surface(x, started, slot)
+    normal, value = kind.surface(x, started, term)
     assert normal @ x == pytest.approx(value, abs=1e-6)
     assert normal @ (x + 0.1 * normal) - value == pytest.approx(0.1, abs=1e-6)
 
@@ -250,12 +250,12 @@ def test_cheaper_causes_inside_a_link_keep_what_they_do_not_change(panda):
 def test_all_links_together_have_a_body_each_and_a_prior_of_their_own_size(panda):
     kind = family("inertial_parameters")
     moving = np.ones(7, bool)
-    (slot,) = kind.slots(panda, moving, {})
-    assert slot.size == 70
-    bodies = kind.inertial_bodies(panda, slot)
+    (term,) = kind.terms(panda, moving, {})
+    assert term.size == 70
+    bodies = kind.inertial_bodies(panda, term)
     assert [start for start, _ in bodies] == list(range(0, 70, 10))
     np.testing.assert_allclose(bodies[4][1], link_parameters(panda, 4))
-    scale = kind.prior_scale(panda, slot).reshape(7, 10)
+    scale = kind.prior_scale(panda, term).reshape(7, 10)
     assert np.all(scale > 0)
     masses = np.array([link_parameters(panda, k)[0] for k in range(7)])
     np.testing.assert_allclose(scale[:, 0], np.maximum(masses, 0.5) / 2)

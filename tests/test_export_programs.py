@@ -203,7 +203,7 @@ def test_two_models_in_one_program(robot, tmp_path):
 def test_memory_stays_within_its_bounds_and_follows_the_motion(speed, dt, z):
     """|z| <= 1 whatever the motion; moving on, it tends to the sign of the speed; at rest it stays."""
     robot = Robot.from_urdf(FINGER)
-    friction = Effect("coulomb_friction", (robot.joint_names[0],), {"coulomb_torque": 1.0}, {"sign_travel": 0.05})
+    friction = Effect("coulomb_friction", (robot.joint_names[0],), {"coulomb_torque": 1.0}, {"sign_displacement": 0.05})
     advance = SymbolicModel(Model(robot, (friction,))).advance
     after = float(advance(speed, dt, [z]))
     assert abs(after) <= 1 + 1e-12

@@ -15,7 +15,7 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.fleet import read_manifest, run_fleet
 from hybrid_dynamics.fleet import run as fleet_run
 from hybrid_dynamics.fleet.tables import CHANGE_COLUMNS, trends
-from hybrid_dynamics.loop.exercise import exercise
+from hybrid_dynamics.loop.excitation import excitation
 from hybrid_dynamics.readers import write_log
 
 #: Viscous friction of the shoulder on four days [N m s/rad].
@@ -31,7 +31,7 @@ def yard(tmp_path_factory) -> Path:
     for day, viscous in enumerate(GREASE, 1):
         effect = Effect("viscous_friction", ("shoulder",), {"viscous_coefficient": viscous})
         for split in ("train", "test"):
-            run = exercise(two_links(), [effect], name=f"{split}{day}", seed=day, duration=6.0, rate=200.0)
+            run = excitation(two_links(), [effect], name=f"{split}{day}", seed=day, duration=6.0, rate=200.0)
             write_log(folder / f"{split}{day}.parquet", run, two_links().joint_names)
         rows.append(
             {
@@ -80,7 +80,7 @@ def test_what_is_done_is_kept_and_what_changed_is_done_again(yard, done, monkeyp
     (done / "runs/day2/diagnosis.json").unlink()
     for name in ("model.json", "report.html"):
         (done / "runs/day2" / name).unlink()
-    other = exercise(two_links(), [], name="other", seed=9, duration=6.0, rate=200.0)
+    other = excitation(two_links(), [], name="other", seed=9, duration=6.0, rate=200.0)
     kept = (yard / "train3.parquet").read_bytes()
     write_log(yard / "train3.parquet", other, two_links().joint_names)
     again = run_fleet(entries, done)

@@ -1,4 +1,4 @@
-"""The yardstick recovers what was planted, says how sure it is, and does not explain what it cannot."""
+"""The baseline recovers what was planted, says how sure it is, and does not explain what it cannot."""
 
 from __future__ import annotations
 

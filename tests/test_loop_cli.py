@@ -11,7 +11,7 @@ import pytest
 
 from hybrid_dynamics.cli import main
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
@@ -40,7 +40,7 @@ def logs(tmp_path_factory) -> Path:
         Effect("viscous_friction", ("panda_joint1",), {"viscous_coefficient": 2.0}),
         Effect("torque_offset", ("panda_joint6",), {"offset": 0.3}),
     ]
-    train, test = exercises(panda, effects, train=2, test=1, duration=8.0)
+    train, test = excitations(panda, effects, train=2, test=1, duration=8.0)
     for trajectory in [*train, *test]:
         write_log(folder / f"{trajectory.name}.parquet", trajectory, panda.joint_names)
     return folder

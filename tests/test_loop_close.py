@@ -9,7 +9,7 @@ from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.effects.inertia import to_body, to_dynamic
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
-from hybrid_dynamics.loop.exercise import exercise, exercises
+from hybrid_dynamics.loop.excitation import excitation, excitations
 from hybrid_dynamics.loop_report.report import report_html
 from hybrid_dynamics.robots import Robot, find_description
 
@@ -55,7 +55,7 @@ def test_each_family_planted_alone_is_named_and_nothing_else(name, panda):
         effects = [Effect("gravity_tilt", (), {"roll": 0.03, "pitch": -0.02})]
     else:
         effects = []
-    train, test = exercises(panda, effects, train=3, test=1, **SHORT)
+    train, test = excitations(panda, effects, train=3, test=1, **SHORT)
     result = close_loop(panda, train, test)
     diagnosis = result.diagnosis.to_json()
     assert named(diagnosis) == [(e.effect, e.joints) for e in effects]
@@ -87,7 +87,7 @@ def test_effects_that_mask_each_other_are_separated_with_the_same_bytes_every_ti
         Effect("coulomb_friction", ("panda_joint2",), {"coulomb_torque": 1.5}),
         Effect("viscous_friction", ("panda_joint2",), {"viscous_coefficient": 1.5}),
     ]
-    train, test = exercises(panda, effects, train=3, test=1, **SHORT)
+    train, test = excitations(panda, effects, train=3, test=1, **SHORT)
     first = close_loop(panda, train, test)
     assert set(named(first.diagnosis.to_json())) == {(e.effect, e.joints) for e in effects}
     assert json.dumps(close_loop(panda, train, test).diagnosis.to_json()) == json.dumps(first.diagnosis.to_json())
@@ -105,7 +105,7 @@ def test_friction_that_grows_with_the_load_is_told_from_plain_friction(panda):
         Effect("load_dependent_friction", ("panda_joint2",), {"load_coefficient": 0.08}),
         Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 1.5}),
     ]
-    train, test = exercises(panda, effects, train=3, test=1, **SHORT)
+    train, test = excitations(panda, effects, train=3, test=1, **SHORT)
     for run in (*train, *test):
         assert np.isfinite(run["tau"]).all()
     diagnosis = close_loop(panda, train, test).diagnosis.to_json()
@@ -119,7 +119,7 @@ def test_friction_that_grows_with_the_load_is_told_from_plain_friction(panda):
 def test_friction_of_the_starting_model_that_became_less_is_named_and_stays_friction(width, panda, tmp_path):
     friction = Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 3.0}, width)
     worn_in = Effect("coulomb_friction", ("panda_joint4",), {"coulomb_torque": 2.2}, width)
-    train, test = exercises(panda, [worn_in], train=3, test=1, **SHORT)
+    train, test = excitations(panda, [worn_in], train=3, test=1, **SHORT)
     result = close_loop(panda, train, test, start=Model(panda, (friction,)))
     assert named(result.diagnosis.to_json()) == [("coulomb_friction", ("panda_joint4",))]
     change = result.diagnosis.to_json()["effects"][0]["parameters"][0]
@@ -144,14 +144,14 @@ def test_friction_of_the_starting_model_that_follows_the_load_carries_a_new_payl
         Effect("load_dependent_friction", ("panda_joint4",), {"load_coefficient": 0.15}),
     ]
     heavy = dict(BODY, mass=2.5)
-    train, test = exercises(panda, [*friction, Effect("payload", (), heavy)], train=3, test=1, **SHORT)
+    train, test = excitations(panda, [*friction, Effect("payload", (), heavy)], train=3, test=1, **SHORT)
     diagnosis = close_loop(panda, train, test, start=Model(panda, tuple(friction))).diagnosis.to_json()
     assert named(diagnosis) == [("payload", ())]
     assert diagnosis["effects"][0]["parameters"][0]["value"] == pytest.approx(2.5, rel=0.01)
     assert diagnosis["verdict"] == "explained"
 
 
-def knocked(run, joints, torque, seconds, at=4.0):
+def with_outliers(run, joints, torque, seconds, at=4.0):
     """``run`` with ``torque`` (of the noise's order times many) on ``joints`` for ``seconds``."""
     tau = run["tau"].copy()
     moment = (run.time >= at) & (run.time < at + seconds)
@@ -159,18 +159,20 @@ def knocked(run, joints, torque, seconds, at=4.0):
     return run.with_signals(tau=tau)
 
 
-def test_a_knock_is_told_and_left_out_of_the_fit(panda):
+def test_an_outlier_segment_is_told_and_left_out_of_the_fit(panda):
     effect = Effect("viscous_friction", ("panda_joint2",), {"viscous_coefficient": 2.0})
-    train, test = exercises(panda, [effect], train=3, test=1, **SHORT)
+    train, test = excitations(panda, [effect], train=3, test=1, **SHORT)
     everywhere = list(range(7))
-    diagnosis = close_loop(panda, [knocked(train[0], everywhere, 40.0, 0.1), *train[1:]], test).diagnosis.to_json()
+    diagnosis = close_loop(
+        panda, [with_outliers(train[0], everywhere, 40.0, 0.1), *train[1:]], test
+    ).diagnosis.to_json()
     assert named(diagnosis) == [("viscous_friction", ("panda_joint2",))]
     assert diagnosis["effects"][0]["parameters"][0]["value"] == pytest.approx(2.0, rel=0.02)
     assert diagnosis["verdict"] == "explained"
-    told = [note for note in diagnosis["notes"] if "knock" in note]
+    told = [note for note in diagnosis["notes"] if "outlier segment" in note]
     assert len(told) == 1
     assert "run train_1: around 4.0" in told[0]
-    # What is reported of the training runs holds the knock.
+    # What is reported of the training runs holds the outlier segment.
     rmse = {k: np.array(diagnosis["error"][k]["after"]["rmse"]) for k in ("train", "test")}
     assert np.all(rmse["train"] > rmse["test"])
 
@@ -178,15 +180,17 @@ def test_a_knock_is_told_and_left_out_of_the_fit(panda):
 @pytest.mark.parametrize(
     ("joints", "seconds"), [([1], 0.1), (list(range(7)), 2.0)], ids=["one joint only", "a lasting push"]
 )
-def test_what_is_no_knock_is_not_left_out(joints, seconds, panda):
-    train, test = exercises(panda, train=3, test=1, **SHORT)
-    diagnosis = close_loop(panda, [knocked(train[0], joints, 40.0, seconds), *train[1:]], test).diagnosis.to_json()
-    assert not any("knock" in note for note in diagnosis["notes"])
+def test_what_is_no_outlier_segment_is_not_left_out(joints, seconds, panda):
+    train, test = excitations(panda, train=3, test=1, **SHORT)
+    diagnosis = close_loop(
+        panda, [with_outliers(train[0], joints, 40.0, seconds), *train[1:]], test
+    ).diagnosis.to_json()
+    assert not any("outlier segment" in note for note in diagnosis["notes"])
 
 
 def test_first_joint_rotor_and_link_cannot_be_told_apart_and_it_says_so(panda):
     effect = Effect("armature", ("panda_joint1",), {"armature": 0.2})
-    train, test = exercises(panda, [effect], train=3, test=1, **SHORT)
+    train, test = excitations(panda, [effect], train=3, test=1, **SHORT)
     entry = close_loop(panda, train, test).diagnosis.to_json()["effects"][0]
     assert entry["effect"] == "armature"
     others = {tuple(o["effects"][0]["joints"]): o for o in entry["indistinguishable_from"]}
@@ -196,8 +200,8 @@ def test_first_joint_rotor_and_link_cannot_be_told_apart_and_it_says_so(panda):
 
 def test_a_payload_turned_between_runs_is_inconsistent_not_averaged_in_silence(panda):
     turned = dict(BODY, com_x=-0.08)
-    one = [exercise(panda, [Effect("payload", (), dict(BODY, com_x=0.08))], name=f"a{k}", **SHORT) for k in range(2)]
-    two = [exercise(panda, [Effect("payload", (), turned)], name=f"b{k}", **SHORT) for k in range(2)]
+    one = [excitation(panda, [Effect("payload", (), dict(BODY, com_x=0.08))], name=f"a{k}", **SHORT) for k in range(2)]
+    two = [excitation(panda, [Effect("payload", (), turned)], name=f"b{k}", **SHORT) for k in range(2)]
     diagnosis = close_loop(panda, [one[0], two[0]], [one[1], two[1]]).diagnosis.to_json()
     assert named(diagnosis) == [("payload", ())]
     disagreeing = {d["parameter"]: d["runs"] for d in diagnosis["effects"][0]["inconsistent_between_runs"]}
@@ -208,7 +212,7 @@ def test_a_payload_turned_between_runs_is_inconsistent_not_averaged_in_silence(p
     assert values["b0"] == pytest.approx(-0.08, abs=0.002)
     # Wrong-cause control: the same payload in all runs is consistent.
     same = close_loop(
-        panda, [one[0], one[1]], [exercise(panda, [Effect("payload", (), dict(BODY, com_x=0.08))], name="c", **SHORT)]
+        panda, [one[0], one[1]], [excitation(panda, [Effect("payload", (), dict(BODY, com_x=0.08))], name="c", **SHORT)]
     )
     assert "inconsistent_between_runs" not in same.diagnosis.to_json()["effects"][0]
 
@@ -217,7 +221,7 @@ def test_runs_that_disagree_by_little_are_told_with_the_parameter(panda):
     """A few millimetres: surely better fitted run by run, though hardly any joint gains a squared floor."""
     heavy = dict(BODY, mass=1.0, com_x=0.0, com_z=0.08)
     runs = [
-        exercise(panda, [Effect("payload", (), dict(heavy, com_y=y))], name=f"r{k}", duration=10.0)
+        excitation(panda, [Effect("payload", (), dict(heavy, com_y=y))], name=f"r{k}", duration=10.0)
         for k, y in enumerate((0.003, -0.003))
     ]
     diagnosis = close_loop(panda, runs, []).diagnosis.to_json()
@@ -228,7 +232,7 @@ def test_runs_that_disagree_by_little_are_told_with_the_parameter(panda):
 
 def test_one_run_alone_and_a_joint_that_stands(panda):
     effects = [Effect("viscous_friction", ("panda_joint3",), {"viscous_coefficient": 3.0})]
-    run = exercise(panda, effects, still=(4,), duration=12.0)
+    run = excitation(panda, effects, still=(4,), duration=12.0)
     diagnosis = close_loop(panda, [run], []).diagnosis.to_json()
     assert named(diagnosis) == [("viscous_friction", ("panda_joint3",))]
     assert any("one training run only" in note for note in diagnosis["notes"])
@@ -238,13 +242,13 @@ def test_one_run_alone_and_a_joint_that_stands(panda):
 
 def test_runs_of_one_second(panda):
     effects = [Effect("viscous_friction", ("panda_joint2",), {"viscous_coefficient": 8.0})]
-    train, test = exercises(panda, effects, train=4, test=1, duration=1.0)
+    train, test = excitations(panda, effects, train=4, test=1, duration=1.0)
     diagnosis = close_loop(panda, train, test).diagnosis.to_json()
     assert ("viscous_friction", ("panda_joint2",)) in named(diagnosis)
 
 
 def test_what_no_effect_explains_is_described_not_named(panda):
-    train, test = exercises(panda, train=3, test=1, **SHORT)
+    train, test = excitations(panda, train=3, test=1, **SHORT)
 
     def ripple(run):
         tau = run["tau"].copy()
@@ -260,7 +264,7 @@ def test_what_no_effect_explains_is_described_not_named(panda):
 
 
 def test_torque_of_the_wrong_sign_or_unit_is_refused_in_one_line(panda):
-    train, test = exercises(panda, [Effect("payload", (), BODY)], train=2, test=1, **SHORT)
+    train, test = excitations(panda, [Effect("payload", (), BODY)], train=2, test=1, **SHORT)
 
     def scaled(run, factor, joints):
         tau = run["tau"].copy()
@@ -276,6 +280,6 @@ def test_torque_of_the_wrong_sign_or_unit_is_refused_in_one_line(panda):
     with pytest.raises(InputError, match="no training run is given"):
         close_loop(panda, [], test)
     with pytest.raises(InputError, match="no joint moves"):
-        close_loop(panda, [exercise(panda, still=range(7), **SHORT)], test)
+        close_loop(panda, [excitation(panda, still=range(7), **SHORT)], test)
     with pytest.raises(InputError, match="the name is given twice"):
         close_loop(panda, [train[0], train[0]], test)

@@ -1,4 +1,4 @@
-"""Friction curves: not proportional to speed, and a sign that turns over a speed or over a travel."""
+"""Friction curves: not proportional to speed, and a sign that turns over a speed or over a presliding displacement."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from hybrid_dynamics.effects import Effect, Slot
-from hybrid_dynamics.effects.sign import travelled_sign
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects.sign import presliding_sign
 from hybrid_dynamics.loop import Model, close_loop
-from hybrid_dynamics.loop.exercise import exercise, exercises
+from hybrid_dynamics.loop.excitation import excitation, excitations
 from hybrid_dynamics.loop.physics import physical_constraints
 from hybrid_dynamics.loop.solve import Constraints, solve
 from hybrid_dynamics.robots import Robot, find_description
@@ -33,7 +33,7 @@ def thinning() -> list[Effect]:
 
 
 def test_a_viscous_friction_that_grows_less_than_speed_is_named_with_its_curve(panda):
-    train, test = exercises(panda, thinning(), train=3, test=1, duration=8.0)
+    train, test = excitations(panda, thinning(), train=3, test=1, duration=8.0)
     result = close_loop(panda, train, test)
     found = {e["effect"]: e for e in result.diagnosis.to_json()["effects"]}
     assert sorted(found) == ["coulomb_friction", "nonlinear_viscous_friction", "viscous_friction"]
@@ -50,7 +50,7 @@ def test_a_viscous_friction_that_grows_less_than_speed_is_named_with_its_curve(p
 
 def rests(robot: Robot, effects: list[Effect], seed: int) -> Trajectory:
     """A run that comes to rest for a second every two seconds, always short of a reversal or just after one."""
-    run = exercise(robot, [], name=f"run_{seed}", seed=seed, duration=12.0, torque_noise_share=0.0, encoder_bits=0)
+    run = excitation(robot, [], name=f"run_{seed}", seed=seed, duration=12.0, torque_noise_share=0.0, encoder_bits=0)
     # Time stands still in every third second: the path is the same, its speed falls to zero and rises again.
     phase = np.mod(run.time, 3.0)
     pace = np.where(phase < 2.0, np.sin(np.pi * phase / 2.0) ** 2 * 1.5, 0.0)
@@ -62,8 +62,8 @@ def rests(robot: Robot, effects: list[Effect], seed: int) -> Trajectory:
     return Trajectory(f"run_{seed}", "train", run.time, {"q": q, "tau": tau + noise})
 
 
-@pytest.mark.parametrize("planted", [{"sign_travel": 3e-4}, {"sign_width": 0.03}])
-def test_standing_rows_tell_a_sign_over_a_travel_from_one_over_a_speed(planted, panda):
+@pytest.mark.parametrize("planted", [{"sign_displacement": 3e-4}, {"sign_width": 0.03}])
+def test_standing_rows_tell_a_sign_over_a_displacement_from_one_over_a_speed(planted, panda):
     effects = [Effect("coulomb_friction", JOINT, {"coulomb_torque": 4.0}, planted)]
     runs = [rests(panda, effects, seed) for seed in range(3)]
     diagnosis = close_loop(panda, runs[:2], runs[2:]).diagnosis.to_json()
@@ -79,17 +79,17 @@ paths = st.lists(st.floats(-1e-2, 1e-2), min_size=2, max_size=30)
 
 @settings(max_examples=60, deadline=None)
 @given(paths, st.floats(1e-4, 1e-2))
-def test_a_travelled_sign_is_bounded_takes_energy_and_solves_its_equation(corners, travel):
+def test_a_presliding_sign_is_bounded_takes_energy_and_solves_its_equation(corners, displacement):
     q = np.interp(np.linspace(0, len(corners) - 1, 400 * len(corners)), np.arange(len(corners)), corners)
-    z = travelled_sign(q, travel)
+    z = presliding_sign(q, displacement)
     assert np.all(np.abs(z) <= 1)
     step = np.diff(q)
-    # dz = (1 - z sign) |dq| / travel, exactly between two rows: the tanh-free form of Dahl's equation.
-    expected = np.sign(step) + (z[:-1] - np.sign(step)) * np.exp(-np.abs(step) / travel)
+    # dz = (1 - z sign) |dq| / displacement, exactly between two rows: the tanh-free form of Dahl's equation.
+    expected = np.sign(step) + (z[:-1] - np.sign(step)) * np.exp(-np.abs(step) / displacement)
     np.testing.assert_allclose(z[1:], np.where(step == 0, z[:-1], expected), atol=1e-12)
     # Starting with nothing stored it can only take energy (trapezoids are right to second order in the step).
     work = np.cumsum(0.5 * (z[1:] + z[:-1]) * step)
-    assert np.all(work > -1e-3 * travel - np.cumsum(np.abs(step) ** 3) / travel**2)
+    assert np.all(work > -1e-3 * displacement - np.cumsum(np.abs(step) ** 3) / displacement**2)
 
 
 def test_friction_that_would_drive_at_a_speed_seen_is_held_back():
@@ -122,15 +122,15 @@ def test_speeds_beyond_those_fitted_are_told_where_friction_would_drive(panda):
     model = Model(panda, tuple(thinning()))
     dq = np.zeros((10, 7))
     dq[:, 1] = np.linspace(-2.0, 2.0, 10)
-    assert model.outrun(dq) == []
+    assert model.extrapolation_warnings(dq) == []
     bad = Effect("nonlinear_viscous_friction", JOINT, {"quadratic_coefficient": -1.0, "cubic_coefficient": 0.0})
-    (line,) = model.adding([bad, bad]).outrun(2 * dq)
+    (line,) = model.adding([bad, bad]).extrapolation_warnings(2 * dq)
     assert "panda_joint2 moves at up to 4 rad/s" in line
     assert "would drive it" in line
 
 
 def test_less_viscous_friction_must_not_let_the_curve_of_the_starting_model_drive(panda):
-    viscous, curved = Slot("viscous_friction", 1), Slot("nonlinear_viscous_friction", 1)
+    viscous, curved = Term("viscous_friction", 1), Term("nonlinear_viscous_friction", 1)
     base = {viscous: np.array([3.0]), curved: np.array([-1.0, 0.0])}
     found = physical_constraints([viscous], [0], 1, base, panda, np.full(7, 2.0))
     # 3 - 2 = 1 N m s/rad is left at 2 rad/s: so much, and not the 3 of the viscous term, may go.

@@ -43,6 +43,15 @@ def test_impossible_models_are_refused_by_file_name(robot, path, old, new, messa
     assert str(path) in str(caught.value)
 
 
+def test_a_setting_under_its_former_name_is_read(robot, path):
+    named = Effect("coulomb_friction", (robot.joint_names[0],), {"coulomb_torque": 1.0}, {"sign_displacement": 1e-3})
+    Model(robot, (named,)).save(path)
+    text = path.read_text()
+    path.write_text(text.replace("sign_displacement", "sign_travel"))
+    assert path.read_text() != text
+    assert load_model(path, robot).effects == (named,)
+
+
 def test_unknown_joint_of_an_effect_is_refused_by_file_name(robot, path):
     document = json.loads(path.read_text())
     document["effects"][0]["joints"] = ["elbow"]

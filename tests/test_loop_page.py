@@ -15,7 +15,7 @@ from browser import look
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import close_loop
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.content import Content, Curve, read_content, write_content
 from hybrid_dynamics.loop_report.gather import gather
@@ -35,7 +35,7 @@ def content() -> Content:
         Effect("viscous_friction", ("panda_joint2",), {"viscous_coefficient": 2.0}),
         Effect("armature", ("panda_joint3",), {"armature": ARMATURE}),
     ]
-    train, test = exercises(robot, planted, train=2, test=2, duration=6.0)
+    train, test = excitations(robot, planted, train=2, test=2, duration=6.0)
     return gather(close_loop(robot, train, test), "simulated")
 
 

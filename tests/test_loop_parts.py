@@ -13,7 +13,7 @@ from hybrid_dynamics.loop import LoopSettings, Model, ProcessSettings, process
 from hybrid_dynamics.loop.augment import effects_of, refit
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.trajectory import Trajectory
@@ -134,14 +134,14 @@ def test_a_tilt_beside_free_inertias_keeps_the_size_of_gravity(panda):
         heavier.model.inertias[joint] = pin.Inertia.FromDynamicParameters(
             1.2 * heavier.model.inertias[joint].toDynamicParameters()
         )
-    train, _ = exercises(heavier, (), train=2, test=1, duration=8.0)
+    train, _ = excitations(heavier, (), train=2, test=1, duration=8.0)
     settings = LoopSettings()
     runs = [process(t, panda, settings.process) for t in train]
-    slots = [s for n in ("gravity_tilt", "inertial_parameters") for s in family(n).slots(panda, np.ones(7, bool), {})]
-    evidence = Evidence(Model(panda), runs, slots, settings)
-    x = refit(evidence, slots)
-    linear = evidence.residuals(slots, x)
-    model = evidence.base.adding(effects_of(evidence, slots, x))
+    terms = [s for n in ("gravity_tilt", "inertial_parameters") for s in family(n).terms(panda, np.ones(7, bool), {})]
+    evidence = Evidence(Model(panda), runs, terms, settings)
+    x = refit(evidence, terms)
+    linear = evidence.residuals(terms, x)
+    model = evidence.base.adding(effects_of(evidence, terms, x))
     for run, left in zip(runs, linear, strict=True):
         exact = run.tau - predict_run(model, run)
         assert np.all(np.std(exact, axis=0) <= 1.05 * np.std(left, axis=0))

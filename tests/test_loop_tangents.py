@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from hybrid_dynamics.effects import Effect, Slot
+from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.exercise import exercise
+from hybrid_dynamics.loop.excitation import excitation
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.trajectory import Trajectory
@@ -27,22 +27,22 @@ def fitted(seed: int, clean: Trajectory) -> Effect:
     run = process(log, ROBOT, ProcessSettings())
     evidence = Evidence(Model(ROBOT), [run], [], LoopSettings())
 
-    def at(harmonic: float) -> Slot:
-        return Slot("torque_ripple", 1, (("harmonic", float(harmonic)),))
+    def at(harmonic: float) -> Term:
+        return Term("torque_ripple", 1, (("harmonic", float(harmonic)),))
 
     def loss(harmonic: float) -> float:
-        evidence.add_slots([at(harmonic)])
+        evidence.add_terms([at(harmonic)])
         return float(evidence.errors([at(harmonic)], evidence.fit([at(harmonic)])).sum())
 
     best = at(minimize_scalar(loss, bounds=(8.8, 9.2), method="bounded", options={"maxiter": 12}).x)
-    evidence.add_slots([best])
+    evidence.add_terms([best])
     x = evidence.fit([best])
     return effects_of(evidence, [best], x, covariance_with_settings(evidence, [best], x))[0]
 
 
 @pytest.fixture(scope="module")
 def fits() -> list[Effect]:
-    clean = exercise(ROBOT, [TRUTH], duration=12.0, rate=250.0, torque_noise_share=0.0, encoder_bits=0, seed=1)
+    clean = excitation(ROBOT, [TRUTH], duration=12.0, rate=250.0, torque_noise_share=0.0, encoder_bits=0, seed=1)
     return [fitted(seed, clean) for seed in range(24)]
 
 

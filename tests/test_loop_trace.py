@@ -6,27 +6,27 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from hybrid_dynamics.effects import Effect, Slot, family
+from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, to_body, to_dynamic
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.evidence import Evidence, Held, Layout
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.process import process
 from hybrid_dynamics.loop.search import _replace, search
 from hybrid_dynamics.loop.trace import Judge, rank
 from hybrid_dynamics.robots import Robot, find_description
 
-VISCOUS, CURVED = Slot("viscous_friction", 0), Slot("nonlinear_viscous_friction", 0)
-OTHER = Slot("coulomb_friction", 1)
+VISCOUS, CURVED = Term("viscous_friction", 0), Term("nonlinear_viscous_friction", 0)
+OTHER = Term("coulomb_friction", 1)
 BLOCKS, SAMPLES = 20, 8
 
 
 @dataclass
 class Told:
-    """Stands for the evidence: the held-out residual (blocks, samples) [N m] of one joint for every set of slots."""
+    """Stands for the evidence: the held-out residual (blocks, samples) [N m] of one joint for every set of terms."""
 
-    residuals: dict[frozenset[Slot], np.ndarray]
+    residuals: dict[frozenset[Term], np.ndarray]
     weights: np.ndarray = field(default_factory=lambda: np.ones(1))
     samples: np.ndarray = field(default_factory=lambda: np.array([float(SAMPLES * BLOCKS)]))
     n: int = 1
@@ -38,24 +38,24 @@ class Told:
         self.fold_blocks, self.block_run = [np.arange(BLOCKS)], np.zeros(BLOCKS, int)
         self.block_rows = [(0, 0)] * BLOCKS
 
-    def held(self, slots: Any, physical: bool = False) -> Held:
-        place = list(self.residuals).index(frozenset(slots))
+    def held(self, terms: Any, physical: bool = False) -> Held:
+        place = list(self.residuals).index(frozenset(terms))
         return Held(cast(Evidence, self), [[np.eye(len(self.residuals))[place]]])
 
-    def acts(self, slot: Slot) -> np.ndarray:
+    def acts(self, term: Term) -> np.ndarray:
         return np.ones(1, bool)
 
-    def layout(self, slots: Any) -> Layout:
+    def layout(self, terms: Any) -> Layout:
         return Layout((), (), 0)
 
-    def fit(self, slots: Any) -> np.ndarray:
+    def fit(self, terms: Any) -> np.ndarray:
         return np.zeros(0)
 
-    def constrained(self, slots: Any) -> bool:
+    def constrained(self, terms: Any) -> bool:
         return False
 
 
-def judge(residuals: dict[frozenset[Slot], np.ndarray]) -> Judge:
+def judge(residuals: dict[frozenset[Term], np.ndarray]) -> Judge:
     """Noise floor 1 N m."""
     return Judge(cast(Evidence, Told(residuals)), LoopSettings(), np.ones(1), np.ones(1), np.zeros(1))
 
@@ -76,7 +76,7 @@ def test_of_two_that_may_be_named_the_simpler_wins_unless_the_loss_matters(worse
     }
     judged = judge(told)
     table = rank(judged, [], [VISCOUS, CURVED], judged.evidence.held([]))
-    assert table[0].slot == first
+    assert table[0].term == first
     assert all(c.accepted for c in table)
 
 
@@ -119,28 +119,28 @@ def test_the_uncertainty_of_a_gain_is_that_of_its_noise_not_of_its_size():
 FAMILIES = ("armature", "link_inertia", "torque_offset")
 
 
-def start_from_body(robot: Robot, effects: list[Effect]) -> list[Slot]:
+def start_from_body(robot: Robot, effects: list[Effect]) -> list[Term]:
     """What a search ends with that begins where the inertia of the second link has been named."""
     runs = [
-        process(t, robot, LoopSettings().process) for t in exercises(robot, effects, train=3, test=1, duration=8.0)[0]
+        process(t, robot, LoopSettings().process) for t in excitations(robot, effects, train=3, test=1, duration=8.0)[0]
     ]
     moving = np.ones(robot.n_joints, bool)
-    slots = [s for name in FAMILIES for s in family(name).slots(robot, moving, LoopSettings().options)]
-    evidence = Evidence(Model(robot), runs, slots, LoopSettings())
+    terms = [s for name in FAMILIES for s in family(name).terms(robot, moving, LoopSettings().options)]
+    evidence = Evidence(Model(robot), runs, terms, LoopSettings())
     floor = noise_floor(evidence)
     evidence.weigh(floor)
     torque = np.concatenate([run.tau for run in runs]).var(axis=0)
     judged = Judge(evidence, LoopSettings(), floor, torque, np.zeros(robot.n_joints))
-    steps = search(judged, slots, lambda step: None, [Slot("link_inertia", 1)])
-    return sorted(steps[-1].slots)
+    steps = search(judged, terms, lambda step: None, [Term("link_inertia", 1)])
+    return sorted(steps[-1].terms)
 
 
 def test_a_body_gives_way_to_two_simple_effects_that_explain_as_much_and_a_true_one_stays():
     robot = Robot.from_urdf(find_description("panda.urdf"), lock=("panda_finger_joint1", "panda_finger_joint2"))
     joint = robot.joint_names[1]
     simple = [Effect("armature", (name,), {"armature": 0.3}) for name in robot.joint_names[:2]]
-    assert start_from_body(robot, simple) == [Slot("armature", 0), Slot("armature", 1)]
+    assert start_from_body(robot, simple) == [Term("armature", 0), Term("armature", 1)]
     own = np.asarray(robot.model.inertias[robot.joint_ids[1]].toDynamicParameters())
     heavier = own + to_dynamic({p.name: 0.0 for p in BODY_PARAMETERS} | {"mass": 2.0, "com_z": -0.1, "com_x": 0.1,
                                "inertia_xx": 0.01, "inertia_yy": 0.01, "inertia_zz": 0.01})  # fmt: skip
-    assert start_from_body(robot, [Effect("link_inertia", (joint,), to_body(heavier))]) == [Slot("link_inertia", 1)]
+    assert start_from_body(robot, [Effect("link_inertia", (joint,), to_body(heavier))]) == [Term("link_inertia", 1)]

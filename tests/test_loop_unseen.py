@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop import LoopResult, close_loop
-from hybrid_dynamics.loop.exercise import exercise, exercises
+from hybrid_dynamics.loop.excitation import excitation, excitations
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -39,7 +39,7 @@ def named(result: LoopResult) -> set[tuple[str, tuple[str, ...]]]:
 @pytest.mark.parametrize(("roll", "pitch"), [(np.pi / 2, 0.0), (0.7, 2.5)], ids=["on its side", "anywhere"])
 def test_an_arm_mounted_anyhow_is_neither_refused_nor_torn_apart(roll, pitch, panda):
     effects = [Effect("gravity_tilt", (), {"roll": roll, "pitch": pitch}), *friction(panda)]
-    train, test = exercises(panda, effects, train=2, test=1, duration=8.0)
+    train, test = excitations(panda, effects, train=2, test=1, duration=8.0)
     result = close_loop(panda, train, test)
     assert named(result) == {(e.effect, e.joints) for e in effects}
     assert result.diagnosis.verdict == "explained"
@@ -60,19 +60,19 @@ def gravity_direction(robot: Robot, parameters: dict[str, float]) -> np.ndarray:
 
 def test_joints_that_stand_still_in_one_run_keep_an_honest_floor_and_their_friction(panda):
     effects = friction(panda, (3, 5))
-    moving = exercise(panda, effects, name="moving", duration=10.0, seed=1)
-    still = exercise(panda, effects, name="still", duration=10.0, seed=2, still=(3, 5))
-    test = exercise(panda, effects, name="test", split="test", duration=8.0, seed=3)
+    moving = excitation(panda, effects, name="moving", duration=10.0, seed=1)
+    still = excitation(panda, effects, name="still", duration=10.0, seed=2, still=(3, 5))
+    test = excitation(panda, effects, name="test", split="test", duration=8.0, seed=3)
     result = close_loop(panda, [moving, still], [test])
     assert {("coulomb_friction", ("panda_joint4",)), ("viscous_friction", ("panda_joint4",))} <= named(result)
-    truth = exercise_noise(panda)
+    truth = excitation_noise(panda)
     for j in (3, 5):
         # The encoder adds a little to the torque noise; a floor that follows the samples is hundreds of times too low.
         assert 0.7 * truth[j] < result.diagnosis.noise_floor_low[j] < 2.0 * truth[j]
 
 
-def exercise_noise(robot: Robot) -> np.ndarray:
-    """(n,) [N m] of white torque noise after the loop's filter (25 Hz at 500 Hz): what the exercises carry."""
+def excitation_noise(robot: Robot) -> np.ndarray:
+    """(n,) [N m] of white torque noise after the loop's filter (25 Hz at 500 Hz): what the excitations carry."""
     from hybrid_dynamics.loop.process import hann_kernel
 
     return 0.003 * robot.effort_limits * np.sqrt(np.sum(hann_kernel(1 / 25.0, 2e-3) ** 2))
@@ -80,8 +80,8 @@ def exercise_noise(robot: Robot) -> np.ndarray:
 
 def test_friction_and_a_payload_are_named_from_one_run_of_five_seconds(panda):
     effects = [Effect("payload", (), BODY), *friction(panda, (1, 3))]
-    run = exercise(panda, effects, name="short", duration=6.5, seed=4)
-    test = exercise(panda, effects, name="test", split="test", duration=6.5, seed=5)
+    run = excitation(panda, effects, name="short", duration=6.5, seed=4)
+    test = excitation(panda, effects, name="test", split="test", duration=6.5, seed=5)
     result = close_loop(panda, [run], [test])
     assert ("payload", ()) in named(result)
     assert {("viscous_friction", ("panda_joint2",)), ("coulomb_friction", ("panda_joint2",))} <= named(result)
@@ -93,8 +93,8 @@ def test_friction_and_a_payload_are_named_from_one_run_of_five_seconds(panda):
 def test_a_name_that_the_test_runs_contradict_is_said_kept_inactive_and_left_out_of_the_model(panda, tmp_path):
     # Friction that has gone in the test run: nothing in the training runs can know.
     effects = friction(panda, (1,))
-    train, _ = exercises(panda, effects, train=2, test=1, duration=8.0)
-    test = exercise(panda, (), name="test", split="test", duration=8.0, seed=9)
+    train, _ = excitations(panda, effects, train=2, test=1, duration=8.0)
+    test = excitation(panda, (), name="test", split="test", duration=8.0, seed=9)
     result = close_loop(panda, train, [test])
     d = result.diagnosis
     against = [e for e in d.effects if not e.confirmed]
@@ -111,7 +111,7 @@ def test_a_name_that_the_test_runs_contradict_is_said_kept_inactive_and_left_out
     again = type(result.model).load(tmp_path / "model.json", panda)
     assert (again.effects, len(again.inactive)) == ((), len(against))
     # The same friction still there: confirmed.
-    kept = close_loop(panda, train, exercises(panda, effects, train=2, test=1, duration=8.0)[1])
+    kept = close_loop(panda, train, excitations(panda, effects, train=2, test=1, duration=8.0)[1])
     assert all(e.confirmed for e in kept.diagnosis.effects)
 
 
@@ -121,7 +121,7 @@ def late(run: Trajectory, seconds: float) -> Trajectory:
 
 
 def test_a_torque_recorded_late_is_no_all_clear_unless_the_delay_is_named(panda):
-    train, test = exercises(panda, (), train=2, test=1, duration=8.0)
+    train, test = excitations(panda, (), train=2, test=1, duration=8.0)
     result = close_loop(panda, [late(r, 0.05) for r in train], [late(r, 0.05) for r in test])
     d = result.diagnosis
     assert d.verdict not in ALL_CLEAR or ("time_delay", ()) in named(result)
@@ -142,7 +142,7 @@ def memory_law(run: Trajectory) -> np.ndarray:
 
 @pytest.mark.parametrize("law", [two_joint_law, memory_law])
 def test_a_law_outside_the_catalogue_raises_the_alarm(law, panda):
-    train, test = exercises(panda, (), train=3, test=1, duration=8.0)
+    train, test = excitations(panda, (), train=3, test=1, duration=8.0)
     added = [r.with_signals(tau=r["tau"] + law(r)) for r in (*train, *test)]
     d = close_loop(panda, added[:3], added[3:]).diagnosis
     joint = int(np.argmax(np.abs(law(train[0])).max(axis=0)))
@@ -156,7 +156,7 @@ def test_coloured_noise_alone_is_no_alarm_and_nothing_is_named(colour, panda):
     rng = np.random.default_rng(5)
     runs = []
     for k in range(3):
-        run = exercise(panda, (), name=f"run_{k}", split="train" if k < 2 else "test", duration=8.0,
+        run = excitation(panda, (), name=f"run_{k}", split="train" if k < 2 else "test", duration=8.0,
                        torque_noise_share=0.0, seed=20 + k)  # fmt: skip
         noise = rng.normal(size=run["tau"].shape)
         if colour == "autoregressive":
@@ -176,14 +176,14 @@ def test_coloured_noise_alone_is_no_alarm_and_nothing_is_named(colour, panda):
 
 def test_asked_what_changed_where_nothing_did_the_answer_is_nothing(panda):
     effects = friction(panda, (1, 3))
-    train, test = exercises(panda, effects, train=2, test=1, duration=8.0)
+    train, test = excitations(panda, effects, train=2, test=1, duration=8.0)
     calibrated = close_loop(panda, train, test)
-    other = [exercise(panda, effects, name=f"other_{k}", duration=8.0, seed=40 + k) for k in range(2)]
+    other = [excitation(panda, effects, name=f"other_{k}", duration=8.0, seed=40 + k) for k in range(2)]
     again = close_loop(panda, other[:1], [replace(other[1], split="test")], start=calibrated.model)
     assert named(again) == set()
     assert again.diagnosis.verdict == "nothing_missing"
     # With a payload it is the payload.
-    loaded = [exercise(panda, [*effects, Effect("payload", (), BODY)], name=f"l_{k}", duration=8.0, seed=50 + k)
+    loaded = [excitation(panda, [*effects, Effect("payload", (), BODY)], name=f"l_{k}", duration=8.0, seed=50 + k)
               for k in range(2)]  # fmt: skip
     changed = close_loop(panda, loaded[:1], [replace(loaded[1], split="test")], start=calibrated.model)
     assert named(changed) == {("payload", ())}

@@ -100,12 +100,16 @@ def test_what_is_no_number_or_no_model_is_refused(path, old, new, message):
 @pytest.mark.parametrize(
     ("effect", "settings", "message"),
     [
-        ("coulomb_friction", {"magic": 1}, "setting 'magic' is unknown; known are only_run, sign_travel, sign_width"),
+        (
+            "coulomb_friction",
+            {"magic": 1},
+            "setting 'magic' is unknown; known are only_run, sign_displacement, sign_width",
+        ),
         ("coulomb_friction", {"sign_width": "wide"}, "setting sign_width is 'wide'; expected a speed"),
         ("coulomb_friction", {"sign_width": -0.1}, "setting sign_width is -0.1"),
         ("coulomb_friction", {"sign_width": None}, "setting sign_width is None"),
         ("coulomb_friction", {"sign_width": True}, "setting sign_width is True"),
-        ("coulomb_friction", {"sign_travel": {"a": 1}}, "setting sign_travel is {'a': 1}"),
+        ("coulomb_friction", {"sign_displacement": {"a": 1}}, "setting sign_displacement is {'a': 1}"),
         ("viscous_friction", {"sign_width": 0.1}, "setting 'sign_width' is unknown; known are only_run"),
         ("joint_spring", {"shape": "round"}, "setting shape is 'round'; expected one of linear, sine, piecewise"),
         ("joint_spring", {"shape": "piecewise", "knots": [1, 0]}, "setting knots is (1, 0)"),

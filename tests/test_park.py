@@ -14,7 +14,7 @@ from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.files import write_json, write_text
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.diagnosis import predict_run
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.model import effect_to_json
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.robots import Robot
@@ -45,7 +45,7 @@ def robot() -> Robot:
 
 
 def logs(robot: Robot, *effects: Effect, train: int = 2, test: int = 1, **options: Any) -> list[Trajectory]:
-    learned, held = exercises(robot, effects, train=train, test=test, duration=8.0, rate=200.0, **options)
+    learned, held = excitations(robot, effects, train=train, test=test, duration=8.0, rate=200.0, **options)
     return [*learned, *held]
 
 
@@ -61,7 +61,7 @@ def test_regimes_of_a_motion_that_is_known(robot: Robot) -> None:
     """A joint that turns round by a sine, and one that stands: how long each regime lasts follows from the sine."""
     time = np.arange(0, 20, 0.01)
     q = np.column_stack([np.sin(2 * np.pi * 0.2 * time), np.zeros_like(time)])
-    log = exercises(robot, train=1, test=0, duration=20.0, rate=100.0)[0][0]
+    log = excitations(robot, train=1, test=0, duration=20.0, rate=100.0)[0][0]
     run = process(type(log)("sine", "test", time, {"q": q, "tau": q}), robot, ProcessSettings())
     regime = regime_of(run, standing=0.02, turn=0.1, slow=0.25)
     assert np.all(regime[:, 1] == REGIMES.index("standing"))
@@ -100,7 +100,7 @@ def test_scatter_of_parameters_tells_whether_their_errors_are_honest(robot: Robo
     other = [
         run
         for k, c in enumerate((1.0, 2.0, 3.0, 4.0))
-        for run in exercises(
+        for run in excitations(
             robot,
             [Effect("viscous_friction", ("shoulder",), {"viscous_coefficient": c}), COULOMB],
             train=1,
@@ -227,7 +227,7 @@ def test_settings_out_of_range_are_named() -> None:
 
 
 def test_rigid_body_of_the_model_is_what_predict_run_smooths(robot: Robot) -> None:
-    """A model that is right leaves only noise at the loop's bandwidth: the yardstick that all columns share."""
+    """A model that is right leaves only noise at the loop's bandwidth: the baseline that all columns share."""
     [log] = logs(robot, VISCOUS, train=1, test=0, torque_noise_share=0.0, encoder_bits=0)
     run = process(log, robot, ProcessSettings())
     right, wrong = (predict_run(Model(robot, effects), run) - run.tau for effects in ((VISCOUS,), ()))

@@ -7,7 +7,7 @@ from tests.two_links import EFFECTS, two_links
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop.exercise import exercise
+from hybrid_dynamics.loop.excitation import excitation
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.prediction import predict
 from hybrid_dynamics.loop.process import ProcessSettings, process
@@ -17,7 +17,7 @@ from hybrid_dynamics.trajectory import Trajectory
 
 def true_run(rate: float = 200.0, seed: int = 0, **options: float) -> Trajectory:
     exact = {"torque_noise_share": 0.0, "encoder_bits": 0} | options
-    return exercise(two_links(), EFFECTS, seed=seed, duration=6.0, rate=rate, **exact)
+    return excitation(two_links(), EFFECTS, seed=seed, duration=6.0, rate=rate, **exact)
 
 
 def share(error: np.ndarray, torque: np.ndarray) -> float:
@@ -143,7 +143,7 @@ def test_one_sample_at_a_time_is_the_whole_run():
     model = Model(two_links(), (*EFFECTS, load, gain))
     one = np.array([model.torque(*state) for state in zip(*states, strict=True)])
     np.testing.assert_allclose(one, model.predict(*states), atol=1e-9)
-    memory = Effect("coulomb_friction", ("shoulder",), {"coulomb_torque": 1.0}, {"sign_travel": 0.01})
+    memory = Effect("coulomb_friction", ("shoulder",), {"coulomb_torque": 1.0}, {"sign_displacement": 0.01})
     late = Effect("time_delay", (), {"delay": 0.01})
     still = Model(two_links(), (memory, late)).torque([0.1, 0.2], [0.5, 0.0], [0.0, 0.0])
     plain = Model(two_links()).torque([0.1, 0.2], [0.5, 0.0], [0.0, 0.0])

@@ -13,12 +13,14 @@ from hybrid_dynamics.study.results import DatasetResults
 JOINTS = tuple(f"j{k}" for k in range(1, 7))
 
 
-def answer(mass: float, first: str = "payload", after: float = 0.02, torn: tuple[str, ...] = ()) -> dict[str, Any]:
+def answer(
+    mass: float, first: str = "payload", after: float = 0.02, inconsistent: tuple[str, ...] = ()
+) -> dict[str, Any]:
     payload = {
         "effect": "payload",
         "joints": [],
         "parameters": [{"name": "mass", "value": mass, "std_error": 0.01}],
-        "inconsistent_between_runs": [{"parameter": name} for name in torn],
+        "inconsistent_between_runs": [{"parameter": name} for name in inconsistent],
     }
     others = [] if first == "payload" else [{"effect": first, "joints": ["j1"], "parameters": []}]
     errors = {"before": {"relative_rmse": [0.5] * 6}, "after": {"relative_rmse": [after] * 6}}
@@ -58,7 +60,7 @@ def results(folder: Path, answers: dict[str, dict[str, Any]], loop_error: float 
 GOOD = {
     "load_14harm": answer(2.9),
     "load_15harm": answer(2.95),
-    "load_both": answer(2.9, torn=("com_x", "com_z")),
+    "load_both": answer(2.9, inconsistent=("com_x", "com_z")),
 }
 
 
@@ -76,7 +78,7 @@ def test_results_that_show_the_claims_meet_them(tmp_path):
         ({"load_15harm": answer(2.95, after=0.1)}, "load_15harm: held-out relative RMSE"),
         ({"load_15harm": answer(3.1)}, "The payload's mass in both recordings"),
         ({"load_both": answer(2.9)}, "Both recordings together"),
-        ({"load_both": answer(2.9, torn=("mass",))}, "Both recordings together"),
+        ({"load_both": answer(2.9, inconsistent=("mass",))}, "Both recordings together"),
     ],
 )
 def test_what_the_loop_did_not_show_is_not_met(wrong, claim, tmp_path):
@@ -85,7 +87,7 @@ def test_what_the_loop_did_not_show_is_not_met(wrong, claim, tmp_path):
     assert len(missed) <= 2
 
 
-def test_a_loop_worse_than_the_yardstick_is_told_and_a_twin_claims_nothing(tmp_path):
+def test_a_loop_worse_than_the_baseline_is_told_and_a_twin_claims_nothing(tmp_path):
     worse = results(tmp_path, GOOD, loop_error=0.061)
     assert [c.claim[:11] for c in loop_checks(worse) if not c.met] == ["Closed loop"]
     object.__setattr__(worse, "provenance", "simulated twin")

@@ -138,7 +138,7 @@ def test_smooth_laws_see_time_and_state() -> None:
 def test_dahl_hysteresis_slides_at_its_coulomb_level_and_springs_back() -> None:
     stiffness = np.full(7, 400.0)
     left, dq, clean = residual(run(dahl(stiffness, FC) + viscous(FV)))
-    # After a reversal the torque reaches its level within a few Fc/K of travel (0.01 rad): judge where dq is larger.
+    # After a reversal the torque reaches its level within a few Fc/K (0.01 rad): judge where dq is larger.
     fast = clean & (np.abs(dq) > 0.4)
     rest = left - FV * dq - FC * np.sign(dq)
     assert all(np.median(np.abs(rest[fast[:, j], j])) < 0.02 * FC[j] for j in range(7))

@@ -21,7 +21,9 @@ CASES = {
     ),
     "coulomb": Effect("coulomb_friction", ELBOW, {"coulomb_torque": 1.0}),
     "coulomb over a width": Effect("coulomb_friction", ELBOW, {"coulomb_torque": 1.0}, {"sign_width": 0.05}),
-    "coulomb over a travel": Effect("coulomb_friction", ELBOW, {"coulomb_torque": 1.0}, {"sign_travel": 1e-3}),
+    "coulomb over a presliding displacement": Effect(
+        "coulomb_friction", ELBOW, {"coulomb_torque": 1.0}, {"sign_displacement": 1e-3}
+    ),
     "asymmetric": Effect(
         "asymmetric_coulomb_friction", ELBOW, {"coulomb_torque_positive": 1.5, "coulomb_torque_negative": 0.6}
     ),

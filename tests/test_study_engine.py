@@ -121,7 +121,7 @@ def test_laws_written_twice_agree_where_they_are_the_same_law(kind, values, effe
     load = ROBOT.inverse_dynamics(q, dq, ddq)
     theirs = LAWS[kind](Course(time, q, dq, ddq, load), 2, values)
     ours = predict(ROBOT, [_joint(effect, 2, setting, **parameters)], q, dq, ddq, time)[:, 2] - load[:, 2]
-    # Dahl's memory: one integrates over time, the other over the way; half a sample of travel is between them.
+    # Dahl's memory: one integrates over time, the other over the way; half a sample of displacement is between them.
     tolerance = 0.02 if kind == "dahl" else 1e-9
     np.testing.assert_allclose(theirs, ours, atol=tolerance * np.abs(ours).max())
 

@@ -24,7 +24,7 @@ def test_the_truth_of_a_known_form_predicts_its_torque(name):
     states = (signals["q"], course.dq, course.ddq)
     added = signals["tau"] - ROBOT.inverse_dynamics(*states)
     left = signals["tau"] - Model(ROBOT, tuple(RECIPES[name].truth(ROBOT, hidden))).predict(*states, course.time)
-    # Dahl's memory differs by half a sample of travel between the two integrations, a delay by its first sample, and
+    # Dahl's memory differs by half a sample between the two integrations, a delay by its first sample, and
     # MuJoCo's friction loss turns over within a nanometre per second at rest.
     assert np.std(left) < (0.05 if name in ("dahl", "delay", "coulomb", "gear") else 1e-6) * np.std(added)
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.exercise import exercises
+from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot
 
@@ -31,6 +31,6 @@ def write_recordings(folder: Path, duration: float = 6.0, rate: float = 200.0) -
     """``robot.urdf`` and the logs ``train_1 train_2 test_1`` of the arm with :data:`EFFECTS`."""
     (folder / "robot.urdf").write_text(URDF)
     robot = two_links()
-    train, test = exercises(robot, EFFECTS, train=2, test=1, duration=duration, rate=rate)
+    train, test = excitations(robot, EFFECTS, train=2, test=1, duration=duration, rate=rate)
     for run in (*train, *test):
         write_log(folder / f"{run.name}.parquet", run, robot.joint_names)

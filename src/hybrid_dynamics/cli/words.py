@@ -46,7 +46,7 @@ def effect_phrases(effects: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def details(diagnosis: Mapping[str, Any]) -> list[str]:
-    """What is not settled, a line each: left beyond noise, contradicted, alike, torn between runs, out of reach."""
+    """What is not settled, a line each: beyond noise, contradicted, alike, inconsistent between runs, out of reach."""
     out = []
     alarms = diagnosis.get("motion_dependent") or [False] * len(diagnosis["joints"])
     told = {entry["joint"] for entry in diagnosis["unexplained"]}
@@ -76,9 +76,9 @@ def details(diagnosis: Mapping[str, Any]) -> list[str]:
             out.append(f"cannot be told apart: {what} and {names}: {other['why']}{tell}")
         if entry.get("undetermined_parameters"):
             out.append(f"left open by these motions: {', '.join(entry['undetermined_parameters'])} of {what}")
-        for torn in entry.get("inconsistent_between_runs", []):
-            runs = ", ".join(f"{r['run']} {r['value']:.3g}" for r in torn["runs"])
-            out.append(f"differs between runs: {torn['parameter']} of {what} [{torn['unit']}]: {runs}")
+        for inconsistent in entry.get("inconsistent_between_runs", []):
+            runs = ", ".join(f"{r['run']} {r['value']:.3g}" for r in inconsistent["runs"])
+            out.append(f"differs between runs: {inconsistent['parameter']} of {what} [{inconsistent['unit']}]: {runs}")
     for entry in diagnosis.get("not_identifiable", []):
         out.append(f"out of reach: {entry['joint']}: {entry['why']}")
     return out

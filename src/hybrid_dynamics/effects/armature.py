@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
 
@@ -30,10 +30,10 @@ class Armature(Family):
         ),
     )
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        return motion.ddq[:, [slot.index]]
+    def columns(self, motion: Motion, term: Term) -> Array:
+        return motion.ddq[:, [term.index]]
 
-    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(1)
 
     def change(self, robot: Robot, effect: Effect) -> None:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
-from hybrid_dynamics.effects.sign import TRAVEL, WIDTH, sign_of, travel_of, width_settings
+from hybrid_dynamics.effects.base import Family, Term, register
+from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH, displacement_of, sign_of, width_settings
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
 from hybrid_dynamics.robots import Robot
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 class AsymmetricCoulombFriction(Family):
     name = "asymmetric_coulomb_friction"
     scope = "joint"
-    known_settings = (WIDTH, TRAVEL)
+    known_settings = (WIDTH, SIGN_DISPLACEMENT)
     equation = r"\tau = F_c^{+}\ (\dot q > 0),\quad \tau = -F_c^{-}\ (\dot q < 0),\quad F_c^{\pm} \ge 0"
     parameters = (Parameter("coulomb_torque_positive", "N m"), Parameter("coulomb_torque_negative", "N m"))
     size = 2
@@ -48,12 +48,12 @@ class AsymmetricCoulombFriction(Family):
         up, down = parameters["coulomb_torque_positive"], parameters["coulomb_torque_negative"]
         return 0.5 * (up + down) * sign + 0.5 * (up - down) * xp.abs(sign)
 
-    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
-        return travel_of(settings)
+    def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+        return displacement_of(settings)
 
-    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(2)
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         ratio = float(rng.uniform(0.2, 0.7))
         return np.array([1.0, ratio] if rng.random() < 0.5 else [ratio, 1.0])

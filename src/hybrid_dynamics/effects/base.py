@@ -12,10 +12,11 @@ tanh abs sign sqrt where minimum maximum`` (NumPy does; for CasADi or C a small 
 law sees is a :class:`State`: quantities of all joints, indexed by joint, as arrays (T,) or as symbols.
 
 **Memory.** Friction that follows the distance since the last reversal has one state z, dz/dt = (dq - abs(dq) z) / s
-(Dahl 1968, scaled to abs(z) <= 1); :meth:`Family.travel` gives s [rad], or None without memory; the law reads ``at.z``.
+(Dahl 1968, scaled to abs(z) <= 1); :meth:`Family.presliding` gives the presliding displacement s [rad], or None without
+memory; the law reads ``at.z``.
 
-**Nonlinear parameters** are numbers in the slot's settings, declared as :class:`Refined`: the loop starts from the
-small grid that :meth:`Family.slots` offers and refines them; they are published as parameters, with standard errors.
+**Nonlinear parameters** are numbers in the term's settings, declared as :class:`Refined`: the loop starts from the
+small grid that :meth:`Family.terms` offers and refines them; they are published as parameters, with standard errors.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.keys import central_difference, hashable, joint_number, split_key
 from hybrid_dynamics.effects.settings import check_refined, check_settings
-from hybrid_dynamics.effects.sign import travelled_sign
+from hybrid_dynamics.effects.sign import presliding_sign
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, Scope, Settings, State, Variable
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.robots import Robot
@@ -46,7 +47,7 @@ ONLY_RUN = "only_run"
 
 
 @dataclass(frozen=True, order=True)
-class Slot:
+class Term:
     """A place an effect can take: family, joint (0-based; None for the whole robot), settings (sorted pairs)."""
 
     effect: str
@@ -71,7 +72,7 @@ class Slot:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """What at most one effect of a model may have: two slots of one place exclude each other."""
+        """What at most one effect of a model may have: two terms of one place exclude each other."""
         return self.family().place(self)
 
     @property
@@ -79,7 +80,7 @@ class Slot:
         """The settings as a dictionary."""
         return dict(self.settings)
 
-    def refined(self, **values: float) -> Slot:
+    def refined(self, **values: float) -> Term:
         """The same place with other values of nonlinear parameters."""
         known = {r.name for r in self.family().nonlinear_settings}
         if unknown := set(values) - known:
@@ -124,11 +125,11 @@ class Effect:
         """0-based index of the effect's joint in ``robot``."""
         return joint_number(robot, self.joints[0], f"effect {self.effect}") if self.joints else None
 
-    def slot(self, robot: Robot) -> Slot:
+    def term(self, robot: Robot) -> Term:
         """The place it takes in ``robot``, nonlinear parameters among its settings."""
         numbers = family(self.effect).setting_values(self.parameters)
         settings = {**self.settings, **numbers}
-        return Slot(self.effect, self.joint_index(robot), tuple(sorted(settings.items())))
+        return Term(self.effect, self.joint_index(robot), tuple(sorted(settings.items())))
 
 
 class Family(ABC):
@@ -148,7 +149,7 @@ class Family(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     #: The torque that the drive must add (TeX).
     equation: ClassVar[str] = ""
-    #: Number of coordinates; ask ``slot.size`` where it may depend on the slot.
+    #: Number of coordinates; ask ``term.size`` where it may depend on the term.
     size: ClassVar[int] = 1
     #: Sought without being asked for by name.
     searched: ClassVar[bool] = True
@@ -168,7 +169,7 @@ class Family(ABC):
     nonlinear: ClassVar[bool] = False
     #: Names of the settings it may have (what they may be: ``effects/settings.py``).
     known_settings: ClassVar[tuple[str, ...]] = ()
-    #: Parameters that stand as numbers in the settings of a slot and are refined.
+    #: Parameters that stand as numbers in the settings of a term and are refined.
     nonlinear_settings: ClassVar[tuple[Refined, ...]] = ()
     #: True where the torque depends on the rigid-body torque of the joint, and so on all other effects of the body.
     uses_load: ClassVar[bool] = False
@@ -190,13 +191,13 @@ class Family(ABC):
     equivalent_to: ClassVar[tuple[Equivalence, ...]] = ()
 
     # -- where it can sit ---------------------------------------------------------------------------------------------
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+    def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
         """The places where this effect could sit; ``moving`` (n,) tells which joints move in the data.
 
         Nonlinear parameters stand at the few values of :meth:`grid`.
         """
         joints: list[int | None] = [None] if self.scope == "robot" else [j for j in range(robot.n_joints) if moving[j]]
-        return [Slot(self.name, j, settings) for j in joints for settings in self.grid(options)]
+        return [Term(self.name, j, settings) for j in joints for settings in self.grid(options)]
 
     def grid(self, options: Mapping[str, Any]) -> list[Settings]:
         """Settings to start from, the same on every joint."""
@@ -204,34 +205,34 @@ class Family(ABC):
 
     def propose(
         self, names: Sequence[str], motions: Sequence[Motion], residuals: Sequence[Array], moving: NDArray[np.bool_]
-    ) -> list[Slot]:
-        """Slots suggested by what a model leaves: ``residuals`` (T, n) [N m], one for each of ``motions`` (runs)."""
+    ) -> list[Term]:
+        """Terms suggested by what a model leaves: ``residuals`` (T, n) [N m], one for each of ``motions`` (runs)."""
         return []
 
-    def surface(self, x: Array, robot: Robot, slot: Slot) -> tuple[Array, float] | None:
+    def surface(self, x: Array, robot: Robot, term: Term) -> tuple[Array, float] | None:
         """Tangent plane ``normal @ y = value``, near ``x``, of the surface that coordinates lie on; None: anywhere."""
         return None
 
-    def is_wide(self, slot: Slot) -> bool:
-        """True where ``slot`` shows in several joints' torques: only looked for with every joint's own effects in."""
+    def is_wide(self, term: Term) -> bool:
+        """True where ``term`` shows in several joints' torques: only looked for with every joint's own effects in."""
         return self.scope != "joint"
 
-    def size_of(self, slot: Slot) -> int:
-        """Number of coordinates at ``slot``."""
+    def size_of(self, term: Term) -> int:
+        """Number of coordinates at ``term``."""
         return self.size
 
-    def place(self, slot: Slot) -> tuple[Any, ...]:
-        """See :attr:`Slot.place`."""
-        return (slot.effect, slot.joint)
+    def place(self, term: Term) -> tuple[Any, ...]:
+        """See :attr:`Term.place`."""
+        return (term.effect, term.joint)
 
     def partner(self, robot: Robot, settings: Mapping[str, Any]) -> int | None:
         """0-based index of the other joint of an effect between two."""
         name = settings.get(FROM_JOINT)
         return None if name is None else joint_number(robot, str(name), f"effect {self.name}, setting {FROM_JOINT}")
 
-    def rows(self, robot: Robot, slot: Slot) -> list[tuple[int, int | None]]:
+    def rows(self, robot: Robot, term: Term) -> list[tuple[int, int | None]]:
         """(joint, partner) of every row of the torque in which the law stands."""
-        return [(slot.index, self.partner(robot, slot.options))]
+        return [(term.index, self.partner(robot, term.options))]
 
     # -- the law ------------------------------------------------------------------------------------------------------
     @property
@@ -243,24 +244,24 @@ class Family(ABC):
         """Torque [N m] of joint ``at.joint``, over the array namespace ``xp``; see the module's first lines."""
         raise InputError(f"effect {self.name} has no law of its own: it is part of the rigid body or of the reading")
 
-    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+    def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
         """Distance s [rad] of the memory that ``at.z`` holds, or None where the law has none."""
         return None
 
-    def at_slot(self, slot: Slot, x: Array, robot: Robot) -> tuple[dict[str, float], dict[str, Any]]:
+    def at_term(self, term: Term, x: Array, robot: Robot) -> tuple[dict[str, float], dict[str, Any]]:
         """Published parameters and settings of coordinates ``x``, as the law takes them."""
-        return self.parameters_of(x, robot, slot), slot.options
+        return self.parameters_of(x, robot, term), term.options
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        """Regressor: (T, p) for the torque of ``slot.joint``, or (T, n, p) where it acts on several joints.
+    def columns(self, motion: Motion, term: Term) -> Array:
+        """Regressor: (T, p) for the torque of ``term.joint``, or (T, n, p) where it acts on several joints.
 
         The law at each unit coordinate; families whose published parameters do not exist there have their own.
         """
-        rows = self.rows(motion.robot, slot)
-        units = np.eye(self.size_of(slot))
+        rows = self.rows(motion.robot, term)
+        units = np.eye(self.size_of(term))
         out = np.zeros((len(motion.time), motion.robot.n_joints if len(rows) > 1 else 1, len(units)))
         for k, unit in enumerate(units):
-            parameters, settings = self.at_slot(slot, unit, motion.robot)
+            parameters, settings = self.at_term(term, unit, motion.robot)
             for joint, partner in rows:
                 at = motion.state(joint, partner, self.uses_load)
                 out[:, joint if len(rows) > 1 else 0, k] = self.along(at, parameters, settings)
@@ -268,31 +269,31 @@ class Family(ABC):
 
     def along(self, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Array:
         """The law (T,) over one run, rows in the order of time: its memory runs along."""
-        travel = self.travel(parameters, settings)
-        if travel is not None:
-            at = replace(at, z=travelled_sign(at.own_q, travel))
+        displacement = self.presliding(parameters, settings)
+        if displacement is not None:
+            at = replace(at, z=presliding_sign(at.own_q, displacement))
         return np.broadcast_to(self.law(np, at, parameters, settings), np.shape(at.own_dq)).astype(float)
 
-    def setting_columns(self, motion: Motion, slot: Slot, x: Array) -> Array:
+    def setting_columns(self, motion: Motion, term: Term, x: Array) -> Array:
         """Derivative of the torque at ``x`` with respect to the nonlinear parameters: as :meth:`columns`, (..., m)."""
         parts = []
         for r in self.nonlinear_settings:
-            value = float(slot.options[r.name])
+            value = float(term.options[r.name])
             h = 1e-4 * (abs(value) if r.log else max(r.high - r.low, 1e-12))
-            up, down = (self.columns(motion, slot.refined(**{r.name: value + s * h})) @ x for s in (1, -1))
+            up, down = (self.columns(motion, term.refined(**{r.name: value + s * h})) @ x for s in (1, -1))
             parts.append((up - down) / (2 * h))
         return np.stack(parts, axis=-1)
 
     # -- what physics demands -----------------------------------------------------------------------------------------
-    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         """Smallest admissible coordinates (p,)."""
-        return np.full(self.size if slot is None else slot.size, -np.inf)
+        return np.full(self.size if term is None else term.size, -np.inf)
 
-    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         """Order of magnitude (p,) beyond which a coordinate is implausible; only regularises what data leaves open."""
-        return np.full(self.size if slot is None else slot.size, 1e6)
+        return np.full(self.size if term is None else term.size, 1e6)
 
-    def inertial_bodies(self, robot: Robot, slot: Slot) -> list[tuple[int, Array]]:
+    def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
         """Bodies that must stay physical: first of ten coordinates, and the inertia (10,) they are added to."""
         return []
 
@@ -305,47 +306,47 @@ class Family(ABC):
         """Unit of the published parameter ``key`` (``"name"`` or ``"joint/name"``)."""
         return {p.name: p.unit for p in self.parameters}[split_key(key)[1]]
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
-        """Published parameters of coordinates ``x`` (p,) at ``slot``; nonlinear ones come from its settings."""
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
+        """Published parameters of coordinates ``x`` (p,) at ``term``; nonlinear ones come from its settings."""
         linear = [p.name for p in self.parameters if p.name not in {r.name for r in self.nonlinear_settings}]
         values = {name: float(v) for name, v in zip(linear, x, strict=True)}
-        return values | {r.name: float(slot.options[r.name]) for r in self.nonlinear_settings}
+        return values | {r.name: float(term.options[r.name]) for r in self.nonlinear_settings}
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         """Inverse of :meth:`parameters_of`."""
         refined = {r.name for r in self.nonlinear_settings}
         return np.array([parameters[p.name] for p in self.parameters if p.name not in refined])
 
     def setting_values(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        """Nonlinear parameters of published ones, as they stand in a slot's settings."""
+        """Nonlinear parameters of published ones, as they stand in a term's settings."""
         return {r.name: float(parameters[r.name]) for r in self.nonlinear_settings}
 
-    def left_open(self, slot: Slot, loose: NDArray[np.bool_]) -> list[str]:
+    def left_open(self, term: Term, loose: NDArray[np.bool_]) -> list[str]:
         """Keys of the published parameters that the ``loose`` coordinates (p,), left to the prior, leave open."""
-        keys = self.published(slot.options)
+        keys = self.published(term.options)
         refined = {r.name for r in self.nonlinear_settings}
         linear = [key for key in keys if key not in refined]
         if len(linear) == len(loose):
             return [key for key, is_open in zip(linear, loose, strict=True) if is_open]
         return list(keys) if bool(np.any(loose)) else []
 
-    def jacobian(self, x: Array, robot: Robot, slot: Slot) -> Array:
+    def jacobian(self, x: Array, robot: Robot, term: Term) -> Array:
         """Derivative of the published parameters with respect to the coordinates, (number of parameters, p)."""
 
         def values(y: Array) -> Array:
-            return np.array(list(self.parameters_of(y, robot, slot).values()))
+            return np.array(list(self.parameters_of(y, robot, term).values()))
 
         return central_difference(values, x, 1e-6 * np.maximum(1.0, np.abs(x)))
 
-    def setting_jacobian(self, x: Array, robot: Robot, slot: Slot) -> Array:
+    def setting_jacobian(self, x: Array, robot: Robot, term: Term) -> Array:
         """Derivative of the published parameters with respect to the nonlinear ones, (number of parameters, m)."""
         names = [r.name for r in self.nonlinear_settings]
 
         def values(s: Array) -> Array:
-            moved = slot.refined(**dict(zip(names, (float(v) for v in s), strict=True)))
+            moved = term.refined(**dict(zip(names, (float(v) for v in s), strict=True)))
             return np.array(list(self.parameters_of(x, robot, moved).values()))
 
-        at = np.array([float(slot.options[name]) for name in names])
+        at = np.array([float(term.options[name]) for name in names])
         return central_difference(values, at, 1e-6 * np.maximum(np.abs(at), 1e-6))
 
     # -- the inverse --------------------------------------------------------------------------------------------------
@@ -353,22 +354,22 @@ class Family(ABC):
         """Enter ``robot.model`` (changed in place), where the effect is part of the rigid body."""
 
     # -- what a study needs -------------------------------------------------------------------------------------------
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         """Random coordinates (p,) up to a positive factor."""
-        if np.all(self.lower_bounds(robot, slot) >= 0):
-            return rng.uniform(0.3, 1.0, self.size_of(slot))
-        direction = rng.normal(size=self.size_of(slot))
+        if np.all(self.lower_bounds(robot, term) >= 0):
+            return rng.uniform(0.3, 1.0, self.size_of(term))
+        direction = rng.normal(size=self.size_of(term))
         return np.asarray(direction / np.linalg.norm(direction))
 
-    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
+    def draw_term(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Term:
         """A random place for a hidden effect: nonlinear parameters anywhere between their bounds."""
-        places = self.slots(robot, moving, {"sign_widths": (0.0,)})
-        slot = places[int(rng.integers(len(places)))]
+        places = self.terms(robot, moving, {"sign_widths": (0.0,)})
+        term = places[int(rng.integers(len(places)))]
         values = {}
         for r in self.nonlinear_settings:
             u = float(rng.uniform(0.1, 0.9))
             values[r.name] = float(r.low * (r.high / r.low) ** u) if r.log else r.low + u * (r.high - r.low)
-        return slot.refined(**values) if values else slot
+        return term.refined(**values) if values else term
 
     def parameter_error(
         self, true: Effect, found: Effect, robot: Robot, motions: Sequence[Motion] = ()

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
-from hybrid_dynamics.effects.sign import TRAVEL, WIDTH, sign_of, travel_of, width_settings
+from hybrid_dynamics.effects.base import Family, Term, register
+from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH, displacement_of, sign_of, width_settings
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
 from hybrid_dynamics.robots import Robot
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 class CoulombFriction(Family):
     name = "coulomb_friction"
     scope = "joint"
-    known_settings = (WIDTH, TRAVEL)
+    known_settings = (WIDTH, SIGN_DISPLACEMENT)
     everywhere = True
     equation = r"\tau = F_c\,\operatorname{sign}(\dot q),\quad F_c \ge 0"
     parameters = (Parameter("coulomb_torque", "N m"),)
@@ -49,8 +49,8 @@ class CoulombFriction(Family):
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         return parameters["coulomb_torque"] * sign_of(xp, at.own_dq, settings, at.z)
 
-    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
-        return travel_of(settings)
+    def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+        return displacement_of(settings)
 
-    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(1)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.sign import WIDTH, sign_of
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
 from hybrid_dynamics.errors import InputError
@@ -51,8 +51,8 @@ class Drift(Family):
     def grid(self, options: Mapping[str, Any]) -> list[Settings]:
         return [((OF, of), (CONSTANT, _START)) for of in (OFFSET, COULOMB, VISCOUS)]
 
-    def place(self, slot: Slot) -> tuple[Any, ...]:
-        return (slot.effect, slot.joint, slot.options[OF])
+    def place(self, term: Term) -> tuple[Any, ...]:
+        return (term.effect, term.joint, term.options[OF])
 
     def unit(self, key: str, settings: Mapping[str, Any]) -> str:
         return "s" if key == CONSTANT else "N m/rad" if settings.get(OF) == VISCOUS else "N m/s"
@@ -71,9 +71,9 @@ class Drift(Family):
             return grown * sign_of(xp, at.own_dq, settings, at.z)
         raise InputError(f"effect {self.name}: setting {OF} is {what!r}; expected {OFFSET}, {COULOMB} or {VISCOUS}")
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
-        return np.array([1.0 if slot.options[OF] != OFFSET else rng.choice([-1.0, 1.0])])
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
+        return np.array([1.0 if term.options[OF] != OFFSET else rng.choice([-1.0, 1.0])])
 
-    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
-        slot = super().draw_slot(robot, moving, rng)
-        return slot.refined(**{CONSTANT: float(np.exp(rng.uniform(np.log(5.0), np.log(60.0))))})
+    def draw_term(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Term:
+        term = super().draw_term(robot, moving, rng)
+        return term.refined(**{CONSTANT: float(np.exp(rng.uniform(np.log(5.0), np.log(60.0))))})

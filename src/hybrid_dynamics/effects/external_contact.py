@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label, uniform_filter1d
 
-from hybrid_dynamics.effects.base import ONLY_RUN, Family, Slot, register
+from hybrid_dynamics.effects.base import ONLY_RUN, Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, State
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
@@ -43,12 +43,12 @@ class ExternalContact(Family):
         ),
     )
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+    def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
         return []  # intervals come from the data, see propose
 
     def propose(
         self, names: Sequence[str], motions: Sequence[Motion], residuals: Sequence[Array], moving: NDArray[np.bool_]
-    ) -> list[Slot]:
+    ) -> list[Term]:
         """Intervals in which what is left of a joint's torque stays on one side, far beyond its usual size."""
         out = []
         for name, motion, left in zip(names, motions, residuals, strict=True):
@@ -67,13 +67,13 @@ class ExternalContact(Family):
                             out.append(self.at(j, (tuple(times),), name))
         return out
 
-    def at(self, joint: int, intervals: tuple[tuple[float, ...], ...], run: str | None = None) -> Slot:
-        """The slot of a push on ``joint`` during ``intervals`` of ``run``."""
+    def at(self, joint: int, intervals: tuple[tuple[float, ...], ...], run: str | None = None) -> Term:
+        """The term of a push on ``joint`` during ``intervals`` of ``run``."""
         own = {} if run is None else {ONLY_RUN: run}
-        return Slot(self.name, joint, tuple(sorted({INTERVALS: intervals, **own}.items())))
+        return Term(self.name, joint, tuple(sorted({INTERVALS: intervals, **own}.items())))
 
-    def place(self, slot: Slot) -> tuple[Any, ...]:
-        return (slot.effect, slot.joint, slot.options[INTERVALS], slot.options.get(ONLY_RUN))
+    def place(self, term: Term) -> tuple[Any, ...]:
+        return (term.effect, term.joint, term.options[INTERVALS], term.options.get(ONLY_RUN))
 
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         if at.time is None:
@@ -83,6 +83,6 @@ class ExternalContact(Family):
             inside = inside + xp.where(at.time >= start, 1.0, 0.0) * xp.where(at.time <= end, 1.0, 0.0)
         return parameters["torque"] * inside
 
-    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
+    def draw_term(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Term:
         start = float(rng.uniform(2.0, 4.0))
         return self.at(int(rng.choice(np.flatnonzero(moving))), ((start, start + float(rng.uniform(1.0, 3.0))),))

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
 
@@ -60,7 +60,7 @@ class GravityTilt(Family):
         ),
     )
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
+    def columns(self, motion: Motion, term: Term) -> Array:
         still = np.zeros_like(motion.q)
         robot = motion.robot.copy()
         out = np.empty((*motion.q.shape, 3))
@@ -69,20 +69,20 @@ class GravityTilt(Family):
             out[:, :, k] = robot.inverse_dynamics(motion.q, still, still)
         return out
 
-    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.full(3, 5.0)
 
-    def surface(self, x: Array, robot: Robot, slot: Slot) -> tuple[Array, float]:
+    def surface(self, x: Array, robot: Robot, term: Term) -> tuple[Array, float]:
         # Gravity turns and keeps its size: a size of its own would be a gain that no angle can publish.
         own = np.asarray(robot.model.gravity.linear)
         normal = (own + x) / max(float(np.linalg.norm(own + x)), 1e-12)
         return normal, float(np.linalg.norm(own) - normal @ own)
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         roll, pitch = base_angles(np.asarray(robot.model.gravity.linear) + x)
         return {"roll": roll, "pitch": pitch}
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         own = np.asarray(robot.model.gravity.linear)
         return tilted_gravity(parameters["roll"], parameters["pitch"], float(np.linalg.norm(own))) - own
 
@@ -90,7 +90,7 @@ class GravityTilt(Family):
         size = float(np.linalg.norm(robot.model.gravity.linear))
         robot.model.gravity.linear = tilted_gravity(effect.parameters["roll"], effect.parameters["pitch"], size)
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         angle = float(rng.uniform(0, 2 * np.pi))
         return np.array([np.cos(angle), np.sin(angle), 0.0])
 
@@ -99,6 +99,6 @@ class GravityTilt(Family):
     ) -> dict[str, float]:
         """Angle between the two directions of gravity, relative to the angle between the true one and the model's."""
         own = np.asarray(robot.model.gravity.linear)
-        slot = true.slot(robot)
-        a, b = (own + self.coordinates_of(e.parameters, robot, slot) for e in (true, found))
+        term = true.term(robot)
+        a, b = (own + self.coordinates_of(e.parameters, robot, term) for e in (true, found))
         return {"tilt": float(np.linalg.norm(a - b) / max(float(np.linalg.norm(a - own)), 1e-300))}

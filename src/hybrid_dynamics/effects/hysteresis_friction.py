@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
 from hybrid_dynamics.robots import Robot
 
@@ -54,20 +54,20 @@ class HysteresisFriction(Family):
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         return parameters["coulomb_torque"] * (xp.sign(at.own_dq) if at.z is None else at.z)
 
-    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+    def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
         if parameters["coulomb_torque"] <= 0 or parameters["presliding_stiffness"] <= 0:
             return None
         return parameters["coulomb_torque"] / parameters["presliding_stiffness"]
 
-    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(1)
 
     def setting_values(self, parameters: Mapping[str, float]) -> dict[str, float]:
         stiffness = max(parameters["presliding_stiffness"], 1e-12)
         return {DISPLACEMENT: max(parameters["coulomb_torque"] / stiffness, 1e-9)}
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
-        return {"presliding_stiffness": float(x[0]) / slot.options[DISPLACEMENT], "coulomb_torque": float(x[0])}
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
+        return {"presliding_stiffness": float(x[0]) / term.options[DISPLACEMENT], "coulomb_torque": float(x[0])}
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         return np.array([parameters["coulomb_torque"]])

@@ -109,11 +109,11 @@ def torque_error(kind: Family, true: Effect, found: Effect, robot: Robot, motion
 
     Single inertial parameters of a link are not determined by torque, only base parameters are.
     """
-    change = kind.coordinates_of(true.parameters, robot, true.slot(robot))
-    difference = kind.coordinates_of(found.parameters, robot, found.slot(robot)) - change
+    change = kind.coordinates_of(true.parameters, robot, true.term(robot))
+    difference = kind.coordinates_of(found.parameters, robot, found.term(robot)) - change
     wrong = added = 0.0
     for motion in motions:
-        columns = kind.columns(motion, true.slot(robot))
+        columns = kind.columns(motion, true.term(robot))
         wrong += float(np.sum((columns @ difference) ** 2))
         added += float(np.sum((columns @ change) ** 2))
     return float(np.sqrt(wrong / added)) if added > 0 else float("nan")

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, link_parameters, to_body, to_dynamic, torque_error
 from hybrid_dynamics.effects.keys import joint_number, split_key
 from hybrid_dynamics.effects.state import Equivalence, Motion
@@ -71,49 +71,49 @@ class InertialParameters(Family):
         ),
     )
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+    def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
         links = tuple(name for k, name in enumerate(robot.joint_names) if moving[: k + 1].any())
-        return [Slot(self.name, None, ((LINKS, links),))] if links else []
+        return [Term(self.name, None, ((LINKS, links),))] if links else []
 
-    def size_of(self, slot: Slot) -> int:
-        return 10 * len(slot.options[LINKS])
+    def size_of(self, term: Term) -> int:
+        return 10 * len(term.options[LINKS])
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
+    def columns(self, motion: Motion, term: Term) -> Array:
         return np.concatenate(
-            [motion.regressor[:, :, 10 * k : 10 * k + 10] for k in self._links(motion.robot, slot)], axis=2
+            [motion.regressor[:, :, 10 * k : 10 * k + 10] for k in self._links(motion.robot, term)], axis=2
         )
 
-    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
-        if robot is None or slot is None:
-            raise InputError(f"effect {self.name}: its prior follows the robot's own links; give robot and slot")
-        return np.concatenate([body_scale(link_parameters(robot, k)) for k in self._links(robot, slot)])
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
+        if robot is None or term is None:
+            raise InputError(f"effect {self.name}: its prior follows the robot's own links; give robot and term")
+        return np.concatenate([body_scale(link_parameters(robot, k)) for k in self._links(robot, term)])
 
-    def inertial_bodies(self, robot: Robot, slot: Slot) -> list[tuple[int, Array]]:
-        return [(10 * i, link_parameters(robot, k)) for i, k in enumerate(self._links(robot, slot))]
+    def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
+        return [(10 * i, link_parameters(robot, k)) for i, k in enumerate(self._links(robot, term))]
 
     def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
         if not settings.get(LINKS):
             raise InputError(f"effect {self.name}: setting {LINKS} is missing; expected the joints of its links")
         return tuple(f"{joint}/{name}" for joint in settings[LINKS] for name in _NAMES)
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         out: dict[str, float] = {}
-        for i, k in enumerate(self._links(robot, slot)):
+        for i, k in enumerate(self._links(robot, term)):
             body = to_body(link_parameters(robot, k) + x[10 * i : 10 * i + 10])
             out |= {f"{robot.joint_names[k]}/{name}": body[name] for name in _NAMES}
         return out
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         bodies = _bodies(parameters)
         return np.concatenate(
-            [to_dynamic(bodies[robot.joint_names[k]]) - link_parameters(robot, k) for k in self._links(robot, slot)]
+            [to_dynamic(bodies[robot.joint_names[k]]) - link_parameters(robot, k) for k in self._links(robot, term)]
         )
 
-    def jacobian(self, x: Array, robot: Robot, slot: Slot) -> Array:
+    def jacobian(self, x: Array, robot: Robot, term: Term) -> Array:
         out = np.zeros((len(x), len(x)))
-        for i, k in enumerate(self._links(robot, slot)):
+        for i, k in enumerate(self._links(robot, term)):
             own = slice(10 * i, 10 * i + 10)
-            single = Slot(self.name, None, ((LINKS, (robot.joint_names[k],)),))
+            single = Term(self.name, None, ((LINKS, (robot.joint_names[k],)),))
             out[own, own] = super().jacobian(x[own], robot, single)
         return out
 
@@ -122,10 +122,10 @@ class InertialParameters(Family):
             number = robot.joint_ids[joint_number(robot, joint, f"effect {self.name}")]
             robot.model.inertias[number] = pin.Inertia.FromDynamicParameters(to_dynamic(body))
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         # Every link heavier or lighter as a whole, and its centre of mass elsewhere: physical for small sizes.
         parts = []
-        for k in self._links(robot, slot):
+        for k in self._links(robot, term):
             own = link_parameters(robot, k)
             parts.append(own * rng.uniform(-0.3, 0.3))
         return np.concatenate(parts)
@@ -135,8 +135,8 @@ class InertialParameters(Family):
     ) -> dict[str, float]:
         return {"torque": torque_error(self, true, found, robot, motions)}
 
-    def _links(self, robot: Robot, slot: Slot) -> list[int]:
-        return [joint_number(robot, name, f"effect {self.name}") for name in slot.options[LINKS]]
+    def _links(self, robot: Robot, term: Term) -> list[int]:
+        return [joint_number(robot, name, f"effect {self.name}") for name in term.options[LINKS]]
 
 
 def _bodies(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:

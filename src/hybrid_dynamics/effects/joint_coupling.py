@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import FROM_JOINT, Family, Slot, register
+from hybrid_dynamics.effects.base import FROM_JOINT, Family, Term, register
 from hybrid_dynamics.effects.sign import WIDTH, sign_of
 from hybrid_dynamics.effects.state import Equivalence, Parameter, State
 from hybrid_dynamics.errors import InputError
@@ -55,7 +55,7 @@ class JointCoupling(Family):
         ),
     )
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+    def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
         """Both rows of neighbours, and every joint's own row from those nearby."""
         out = []
         joints = [int(j) for j in np.flatnonzero(moving)]
@@ -67,23 +67,23 @@ class JointCoupling(Family):
                     out.append(self.at(robot, j, k, OWN, PARTNER))
         return out
 
-    def at(self, robot: Robot, joint: int, partner: int, rows: str, sign: str, width: float = 0.0) -> Slot:
-        """The slot of ``joint`` and ``partner`` (0-based)."""
+    def at(self, robot: Robot, joint: int, partner: int, rows: str, sign: str, width: float = 0.0) -> Term:
+        """The term of ``joint`` and ``partner`` (0-based)."""
         settings: dict[str, Any] = {FROM_JOINT: robot.joint_names[partner], ROWS: rows, SIGN_OF: sign}
         if width > 0:
             settings[WIDTH] = width
-        return Slot(self.name, joint, tuple(sorted(settings.items())))
+        return Term(self.name, joint, tuple(sorted(settings.items())))
 
-    def is_wide(self, slot: Slot) -> bool:
-        return slot.options.get(ROWS) == BOTH
+    def is_wide(self, term: Term) -> bool:
+        return term.options.get(ROWS) == BOTH
 
-    def place(self, slot: Slot) -> tuple[Any, ...]:
-        return (slot.effect, slot.joint, slot.options[FROM_JOINT])
+    def place(self, term: Term) -> tuple[Any, ...]:
+        return (term.effect, term.joint, term.options[FROM_JOINT])
 
-    def rows(self, robot: Robot, slot: Slot) -> list[tuple[int, int | None]]:
-        partner = self.partner(robot, slot.options)
-        own = [(slot.index, partner)]
-        return [*own, (int(partner or 0), slot.index)] if slot.options.get(ROWS) == BOTH else own
+    def rows(self, robot: Robot, term: Term) -> list[tuple[int, int | None]]:
+        partner = self.partner(robot, term.options)
+        own = [(term.index, partner)]
+        return [*own, (int(partner or 0), term.index)] if term.options.get(ROWS) == BOTH else own
 
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         speed = at.dq[at.partner]
@@ -98,14 +98,14 @@ class JointCoupling(Family):
             + parameters["armature"] * acceleration
         )
 
-    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
-        shared = slot is not None and slot.options.get(ROWS) == BOTH and slot.options.get(SIGN_OF) != PARTNER
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
+        shared = term is not None and term.options.get(ROWS) == BOTH and term.options.get(SIGN_OF) != PARTNER
         # Friction of a motor that sees both speeds opposes their sum; what one joint does to another may have any sign.
         return np.array([-np.inf, 0.0 if shared else -np.inf, -np.inf])
 
-    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
+    def draw_term(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Term:
         j = int(rng.integers(0, robot.n_joints - 1))
         return self.at(robot, j, j + 1, BOTH, SUM) if rng.random() < 0.5 else self.at(robot, j, j + 1, OWN, PARTNER)
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         return np.array([rng.uniform(0.3, 1.0), rng.uniform(0.3, 1.0), 0.0])

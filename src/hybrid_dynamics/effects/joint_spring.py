@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Settings, State
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
@@ -55,19 +55,19 @@ class JointSpring(Family):
 
     def propose(
         self, names: Sequence[str], motions: Sequence[Motion], residuals: Sequence[Array], moving: NDArray[np.bool_]
-    ) -> list[Slot]:
+    ) -> list[Term]:
         """Piecewise springs with knots at even shares of the positions seen."""
         q = np.concatenate([m.q for m in motions])
         shares = np.linspace(0, 1, _PIECES + 1)
         knots = {int(j): tuple(np.quantile(q[:, j], shares).round(4).tolist()) for j in np.flatnonzero(moving)}
         return [
-            Slot(self.name, j, ((KNOTS, own), (SHAPE, PIECEWISE)))
+            Term(self.name, j, ((KNOTS, own), (SHAPE, PIECEWISE)))
             for j, own in knots.items()
             if own[-1] - own[0] > 0.3 and all(b > a for a, b in pairwise(own))
         ]
 
-    def size_of(self, slot: Slot) -> int:
-        return len(slot.options[KNOTS]) if slot.options.get(SHAPE) == PIECEWISE else 2
+    def size_of(self, term: Term) -> int:
+        return len(term.options[KNOTS]) if term.options.get(SHAPE) == PIECEWISE else 2
 
     def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
         shape = settings.get(SHAPE)
@@ -96,9 +96,9 @@ class JointSpring(Family):
             for k in range(len(knots) - 1)
         )
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        q = motion.q[:, slot.index]
-        settings = slot.options
+    def columns(self, motion: Motion, term: Term) -> Array:
+        q = motion.q[:, term.index]
+        settings = term.options
         if settings[SHAPE] == LINEAR:
             return np.column_stack([q, -np.ones_like(q)])
         if settings[SHAPE] == SINE:
@@ -106,8 +106,8 @@ class JointSpring(Family):
         knots = settings[KNOTS]
         return np.column_stack([*(_part(np, q, knots, k) for k in range(len(knots) - 1)), -np.ones_like(q)])
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
-        settings = slot.options
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
+        settings = term.options
         if settings[SHAPE] == LINEAR:
             stiffness = float(x[0])
             return {"stiffness": stiffness, "rest_position": float(x[1]) / _not_zero(stiffness)}
@@ -116,8 +116,8 @@ class JointSpring(Family):
         values = {f"stiffness_{k + 1}": float(v) for k, v in enumerate(x[:-1])}
         return values | {"rest_position": _rest(x, settings[KNOTS])}
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
-        settings, rest = slot.options, parameters["rest_position"]
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
+        settings, rest = term.options, parameters["rest_position"]
         if settings[SHAPE] == LINEAR:
             return np.array([parameters["stiffness"], parameters["stiffness"] * rest])
         if settings[SHAPE] == SINE:
@@ -126,11 +126,11 @@ class JointSpring(Family):
         own = np.array([parameters[f"stiffness_{k + 1}"] for k in range(len(knots) - 1)])
         return np.append(own, sum(s * _part(np, rest, knots, k) for k, s in enumerate(own)))
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         rest = float(rng.uniform(-0.5, 0.5))
-        if slot.options[SHAPE] == SINE:
+        if term.options[SHAPE] == SINE:
             return np.array([np.cos(rest), np.sin(rest)])
-        return np.append(np.ones(slot.size - 1), rest)
+        return np.append(np.ones(term.size - 1), rest)
 
 
 def _part(xp: Any, q: Any, knots: Sequence[float], k: int) -> Any:

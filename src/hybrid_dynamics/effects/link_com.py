@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.inertia import link_parameters, links_with_mass, to_body, to_dynamic
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
@@ -54,26 +54,26 @@ class LinkCom(Family):
         ),
     )
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
-        return [Slot(self.name, j) for j in links_with_mass(robot, moving)]
+    def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
+        return [Term(self.name, j) for j in links_with_mass(robot, moving)]
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        own = link_parameters(motion.robot, slot.index)
+    def columns(self, motion: Motion, term: Term) -> Array:
+        own = link_parameters(motion.robot, term.index)
         mass, com = float(own[0]), own[1:4] / own[0]
         # Quadratic in the shift, so the central difference is the derivative.
         slopes = [(_shifted(own, com + e) - _shifted(own, com - e)) / (2 * mass) for e in np.eye(3)]
-        first = 10 * slot.index
+        first = 10 * term.index
         return motion.regressor[:, :, first : first + 10] @ np.column_stack(slopes)
 
-    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.ones(3)
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
-        own = link_parameters(robot, slot.index)
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
+        own = link_parameters(robot, term.index)
         return dict(zip(_AXES, ((own[1:4] + x) / own[0]).tolist(), strict=True))
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
-        own = link_parameters(robot, slot.index)
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
+        own = link_parameters(robot, term.index)
         return np.array([parameters[axis] for axis in _AXES]) * own[0] - own[1:4]
 
     def change(self, robot: Robot, effect: Effect) -> None:

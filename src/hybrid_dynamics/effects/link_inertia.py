@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.inertia import (
     BODY_PARAMETERS,
     BODY_SCALE,
@@ -58,34 +58,34 @@ class LinkInertia(Family):
         ),
     )
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
-        return [Slot(self.name, j) for j in range(robot.n_joints - 1) if moving[: j + 1].any()]
+    def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
+        return [Term(self.name, j) for j in range(robot.n_joints - 1) if moving[: j + 1].any()]
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        first = 10 * slot.index
+    def columns(self, motion: Motion, term: Term) -> Array:
+        first = 10 * term.index
         return motion.regressor[:, :, first : first + 10]
 
-    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return BODY_SCALE
 
-    def inertial_bodies(self, robot: Robot, slot: Slot) -> list[tuple[int, Array]]:
-        return [(0, link_parameters(robot, slot.index))]
+    def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
+        return [(0, link_parameters(robot, term.index))]
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
-        return to_body(link_parameters(robot, slot.index) + x)
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
+        return to_body(link_parameters(robot, term.index) + x)
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
-        return to_dynamic(parameters) - link_parameters(robot, slot.index)
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
+        return to_dynamic(parameters) - link_parameters(robot, term.index)
 
     def change(self, robot: Robot, effect: Effect) -> None:
         joint = robot.joint_ids[effect.joint_index(robot) or 0]
         robot.model.inertias[joint] = pin.Inertia.FromDynamicParameters(to_dynamic(effect.parameters))
 
-    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
+    def draw_term(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Term:
         # The first link only turns: a hidden one there is an armature by another name.
-        return Slot(self.name, int(rng.integers(1, robot.n_joints - 1)))
+        return Term(self.name, int(rng.integers(1, robot.n_joints - 1)))
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         return random_block(rng)
 
     def parameter_error(

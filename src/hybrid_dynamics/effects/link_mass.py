@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.inertia import link_parameters, links_with_mass
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
@@ -47,26 +47,26 @@ class LinkMass(Family):
         ),
     )
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
-        return [Slot(self.name, j) for j in links_with_mass(robot, moving)]
+    def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
+        return [Term(self.name, j) for j in links_with_mass(robot, moving)]
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        own = link_parameters(motion.robot, slot.index)
-        first = 10 * slot.index
+    def columns(self, motion: Motion, term: Term) -> Array:
+        own = link_parameters(motion.robot, term.index)
+        first = 10 * term.index
         return (motion.regressor[:, :, first : first + 10] @ (own / own[0]))[:, :, None]
 
-    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
-        own = 0.0 if robot is None or slot is None else float(link_parameters(robot, slot.index)[0])
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
+        own = 0.0 if robot is None or term is None else float(link_parameters(robot, term.index)[0])
         return np.array([(_LEAST - 1.0) * own])
 
-    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.array([5.0])
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
-        return {"mass": float(link_parameters(robot, slot.index)[0] + x[0])}
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
+        return {"mass": float(link_parameters(robot, term.index)[0] + x[0])}
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
-        return np.array([parameters["mass"] - link_parameters(robot, slot.index)[0]])
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
+        return np.array([parameters["mass"] - link_parameters(robot, term.index)[0]])
 
     def change(self, robot: Robot, effect: Effect) -> None:
         link = effect.joint_index(robot) or 0
@@ -74,5 +74,5 @@ class LinkMass(Family):
         scaled = own * effect.parameters["mass"] / own[0]
         robot.model.inertias[robot.joint_ids[link]] = pin.Inertia.FromDynamicParameters(scaled)
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         return np.ones(1)  # heavier: a size that is drawn later cannot make the mass negative

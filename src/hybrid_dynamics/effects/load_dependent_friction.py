@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
-from hybrid_dynamics.effects.sign import TRAVEL, WIDTH, sign_of, travel_of, width_settings
+from hybrid_dynamics.effects.base import Family, Term, register
+from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH, displacement_of, sign_of, width_settings
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
 from hybrid_dynamics.robots import Robot
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 class LoadDependentFriction(Family):
     name = "load_dependent_friction"
     scope = "joint"
-    known_settings = (WIDTH, TRAVEL)
+    known_settings = (WIDTH, SIGN_DISPLACEMENT)
     equation = r"\tau = \mu\,|\tau_\text{load}|\operatorname{sign}(\dot q),\quad \mu \ge 0"
     parameters = (Parameter("load_coefficient", "1"),)
     uses_load = True
@@ -45,8 +45,8 @@ class LoadDependentFriction(Family):
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         return parameters["load_coefficient"] * xp.abs(at.own_load) * sign_of(xp, at.own_dq, settings, at.z)
 
-    def travel(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
-        return travel_of(settings)
+    def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+        return displacement_of(settings)
 
-    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(1)

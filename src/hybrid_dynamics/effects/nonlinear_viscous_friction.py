@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Parameter, State
 from hybrid_dynamics.robots import Robot
 
@@ -48,5 +48,5 @@ class NonlinearViscousFriction(Family):
         dq = at.own_dq
         return parameters["quadratic_coefficient"] * dq * xp.abs(dq) + parameters["cubic_coefficient"] * dq * dq * dq
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         return np.ones(2)  # friction that grows: dissipative whatever the joint's viscous term is

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Effect, Family, Slot, register
+from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, BODY_SCALE, random_block, to_body, to_dynamic, torque_error
 from hybrid_dynamics.effects.state import Equivalence, Motion
 from hybrid_dynamics.robots import Robot
@@ -36,19 +36,19 @@ class Payload(Family):
         ),
     )
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
+    def columns(self, motion: Motion, term: Term) -> Array:
         return motion.regressor[:, :, -10:]
 
-    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return BODY_SCALE
 
-    def inertial_bodies(self, robot: Robot, slot: Slot) -> list[tuple[int, Array]]:
+    def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
         return [(0, np.zeros(10))]
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return to_body(x)
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         return to_dynamic(parameters)
 
     def change(self, robot: Robot, effect: Effect) -> None:
@@ -56,7 +56,7 @@ class Payload(Family):
         total = robot.model.inertias[joint].toDynamicParameters() + to_dynamic(effect.parameters)
         robot.model.inertias[joint] = pin.Inertia.FromDynamicParameters(total)
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         return random_block(rng)
 
     def parameter_error(

@@ -62,7 +62,7 @@ def plant(robot: Robot, effects: Iterable[Effect], along: bool = False) -> tuple
         kind = family(effect.effect)
         kind.change(changed, effect)
         if kind.has_law:
-            laws.append((kind, effect, kind.rows(robot, effect.slot(robot))))
+            laws.append((kind, effect, kind.rows(robot, effect.term(robot))))
 
     def torque(
         q: Array, dq: Array, load: Array | None = None, ddq: Array | None = None, time: Array | None = None

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
 
@@ -48,14 +48,14 @@ class PositionOffset(Family):
         ),
     )
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
+    def columns(self, motion: Motion, term: Term) -> Array:
         shift = np.zeros(motion.robot.n_joints)
-        shift[slot.index] = _STEP
+        shift[term.index] = _STEP
         up, down = (motion.robot.inverse_dynamics(motion.q + s * shift, motion.dq, motion.ddq) for s in (1, -1))
         out: Array = ((up - down) / (2 * _STEP))[:, :, None]
         # Rounding where nothing depends on the position (the first joint of a level base) is no column.
         out[:, np.abs(out).max(axis=(0, 2)) < 1e-6] = 0.0
         return out
 
-    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.full(1, 0.5)

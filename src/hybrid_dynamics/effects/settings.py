@@ -84,7 +84,7 @@ def _one_of(*words: str) -> tuple[Check, str]:
 #: Setting -> what it may be. Lists are tuples here.
 KINDS: Mapping[str, tuple[Check, str]] = {
     "sign_width": (_not_negative, "a speed >= 0 rad/s"),
-    "sign_travel": (_positive, "a distance > 0 rad"),
+    "sign_displacement": (_positive, "a distance > 0 rad"),
     "only_run": (_text, "the name of a run"),
     "from_joint": (_text, "the name of a joint"),
     "rows": _one_of("own", "both"),

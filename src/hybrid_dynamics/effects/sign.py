@@ -1,10 +1,10 @@
-"""How the sign of dry friction turns over: at once, over a speed, or over a travel.
+"""How the sign of dry friction turns over: at once, over a speed, or over a presliding displacement.
 
 Measured joints do not reverse their friction at once. Two settings describe how, one at a time:
 
 - ``sign_width`` w [rad/s]: tanh(dq / w), a function of the state (a joint at rest has no friction torque);
-- ``sign_travel`` s [rad]: z with dz/dq = (1 - z sign(dq)) / s (Dahl 1968, scaled to |z| <= 1): the sign follows the
-  distance since the last reversal, so a joint that has come to rest keeps the friction torque of its last motion.
+- ``sign_displacement`` s [rad]: presliding, dz/dq = (1 - z sign(dq)) / s (Dahl 1968, scaled to |z| <= 1): the sign
+  follows the distance since the last reversal, so a joint at rest keeps the friction torque of its last motion.
 
 Neither setting: sign(dq).
 """
@@ -22,7 +22,7 @@ from hybrid_dynamics.effects.state import Settings
 
 Array = NDArray[np.float64]
 
-WIDTH, TRAVEL = "sign_width", "sign_travel"
+WIDTH, SIGN_DISPLACEMENT = "sign_width", "sign_displacement"
 
 
 def width_settings(widths: tuple[float, ...]) -> list[Settings]:
@@ -32,36 +32,36 @@ def width_settings(widths: tuple[float, ...]) -> list[Settings]:
 
 def sign_part(settings: Settings) -> Settings:
     """Of ``settings`` those that say how the sign turns over."""
-    return tuple(s for s in settings if s[0] in (WIDTH, TRAVEL))
+    return tuple(s for s in settings if s[0] in (WIDTH, SIGN_DISPLACEMENT))
 
 
 def with_sign(settings: Settings, way: Settings) -> Settings:
     """``settings`` with the sign turning over in another ``way``."""
-    return tuple(sorted((*(s for s in settings if s[0] not in (WIDTH, TRAVEL)), *way)))
+    return tuple(sorted((*(s for s in settings if s[0] not in (WIDTH, SIGN_DISPLACEMENT)), *way)))
 
 
-def travel_settings(travels: tuple[float, ...]) -> list[Settings]:
-    """One settings tuple per travel [rad]."""
-    return [((TRAVEL, float(s)),) for s in travels]
+def displacement_settings(displacements: tuple[float, ...]) -> list[Settings]:
+    """One settings tuple per displacement [rad]."""
+    return [((SIGN_DISPLACEMENT, float(s)),) for s in displacements]
 
 
 def sign_of(xp: Any, dq: Any, settings: Mapping[str, Any], z: Any = None) -> Any:
-    """The sign of ``dq`` over the array namespace ``xp``: its memory ``z`` where the setting is a travel, if given.
+    """The sign of ``dq`` over the array namespace ``xp``: its memory ``z`` where it turns over a displacement.
 
-    Without its past a sign that turns over a travel is sharp.
+    Without its past (``z`` None) a sign that turns over a presliding displacement is sharp.
     """
-    if TRAVEL in settings and z is not None:
+    if SIGN_DISPLACEMENT in settings and z is not None:
         return z
     width = float(settings.get(WIDTH, 0.0))
     return xp.tanh(dq / width) if width > 0 else xp.sign(dq)
 
 
-def travel_of(settings: Mapping[str, Any]) -> float | None:
-    """The travel [rad] over which the sign turns over, or None."""
-    return float(settings[TRAVEL]) if TRAVEL in settings else None
+def displacement_of(settings: Mapping[str, Any]) -> float | None:
+    """The displacement [rad] over which the sign turns over, or None."""
+    return float(settings[SIGN_DISPLACEMENT]) if SIGN_DISPLACEMENT in settings else None
 
 
-def travelled_sign(q: Array, travel: float) -> Array:
+def presliding_sign(q: Array, displacement: float) -> Array:
     """z (T,) along positions ``q`` (T,) [rad] of one run; 0 at its first row, whose past nobody knows.
 
     Between two reversals Dahl's equation has a closed form in the distance; only reversals are walked through.
@@ -79,7 +79,7 @@ def travelled_sign(q: Array, travel: float) -> Array:
     out = np.zeros(len(q))
     z = 0.0
     for low, high in pairwise(edges):
-        left = (z - way[low]) * np.exp(-(path[low + 1 : high + 1] - path[low]) / travel)
+        left = (z - way[low]) * np.exp(-(path[low + 1 : high + 1] - path[low]) / displacement)
         out[low + 1 : high + 1] = way[low] + left
         z = float(out[high])
     return out

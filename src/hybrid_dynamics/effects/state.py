@@ -28,7 +28,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Refined:
-    """A nonlinear parameter that stands as a number in a slot's settings: refined within ``low`` to ``high``.
+    """A nonlinear parameter that stands as a number in a term's settings: refined within ``low`` to ``high``.
 
     ``log``: searched on a logarithmic scale.
     """

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
-from hybrid_dynamics.effects.sign import TRAVEL, WIDTH, sign_of
+from hybrid_dynamics.effects.base import Family, Term, register
+from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH, sign_of
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
 from hybrid_dynamics.robots import Robot
 
@@ -28,7 +28,7 @@ _GRID = (0.03, 0.1, 0.3)
 class StribeckFriction(Family):
     name = "stribeck_friction"
     scope = "joint"
-    known_settings = (WIDTH, TRAVEL)
+    known_settings = (WIDTH, SIGN_DISPLACEMENT)
     equation = (
         r"\tau = \left(F_c + (F_s - F_c)\,e^{-(\dot q / v_s)^2}\right)\operatorname{sign}(\dot q),"
         r"\quad F_s \ge F_c \ge 0"
@@ -63,15 +63,15 @@ class StribeckFriction(Family):
         extra = parameters["static_torque"] - parameters["coulomb_torque"]
         return (parameters["coulomb_torque"] + extra * xp.exp(-ratio * ratio)) * sign_of(xp, dq, settings, at.z)
 
-    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(2)
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return {
             "coulomb_torque": float(x[0]),
             "static_torque": float(x[0] + x[1]),
-            VELOCITY: float(slot.options[VELOCITY]),
+            VELOCITY: float(term.options[VELOCITY]),
         }
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         return np.array([parameters["coulomb_torque"], parameters["static_torque"] - parameters["coulomb_torque"]])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.expression import compile_law
 from hybrid_dynamics.effects.state import Parameter, State
 from hybrid_dynamics.errors import InputError
@@ -36,16 +36,16 @@ class SymbolicTorque(Family):
     drawn_against = "dq"
     shown_by = "the joint and those its law names move independently of each other"
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+    def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
         return []  # its laws come from symbolic regression
 
-    def at(self, joint: int, expression: str) -> Slot:
-        """The slot of ``expression`` on ``joint``; :class:`InputError` where the grammar refuses it."""
+    def at(self, joint: int, expression: str) -> Term:
+        """The term of ``expression`` on ``joint``; :class:`InputError` where the grammar refuses it."""
         compile_law(expression)
-        return Slot(self.name, joint, ((EXPRESSION, expression),))
+        return Term(self.name, joint, ((EXPRESSION, expression),))
 
-    def place(self, slot: Slot) -> tuple[Any, ...]:
-        return (slot.effect, slot.joint, slot.options[EXPRESSION])
+    def place(self, term: Term) -> tuple[Any, ...]:
+        return (term.effect, term.joint, term.options[EXPRESSION])
 
     def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
         text = settings.get(EXPRESSION)
@@ -57,6 +57,6 @@ class SymbolicTorque(Family):
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         return parameters["scale"] * compile_law(settings[EXPRESSION])(xp, at)
 
-    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
+    def draw_term(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Term:
         j, k = rng.choice(np.flatnonzero(moving), 2, replace=False) + 1
         return self.at(int(j) - 1, f"sin(q{k}) * dq{j}")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
 
@@ -42,12 +42,12 @@ class TimeDelay(Family):
         ),
     )
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
+    def columns(self, motion: Motion, term: Term) -> Array:
         slope = make_interp_spline(motion.time, motion.torque, k=3, axis=0).derivative()(motion.time)
         return -np.asarray(slope)[:, :, None]
 
-    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.full(1, 0.05)
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         return np.array([rng.choice([-1.0, 1.0])])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
 
@@ -45,26 +45,26 @@ class TorqueGain(Family):
         ),
     )
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
-        several = [Slot(self.name, None)] if int(moving.sum()) > 1 else []
-        return [*several, *(Slot(self.name, j) for j in range(robot.n_joints) if moving[j])]
+    def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
+        several = [Term(self.name, None)] if int(moving.sum()) > 1 else []
+        return [*several, *(Term(self.name, j) for j in range(robot.n_joints) if moving[j])]
 
-    def columns(self, motion: Motion, slot: Slot) -> Array:
-        if slot.joint is None:
+    def columns(self, motion: Motion, term: Term) -> Array:
+        if term.joint is None:
             return motion.torque[:, :, None]
-        return motion.torque[:, [slot.joint]]
+        return motion.torque[:, [term.joint]]
 
-    def lower_bounds(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.array([-0.95])
 
-    def prior_scale(self, robot: Robot | None = None, slot: Slot | None = None) -> Array:
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.ones(1)
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return {"gain": 1.0 + float(x[0])}
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         return np.array([parameters["gain"] - 1.0])
 
-    def draw(self, robot: Robot, slot: Slot, rng: np.random.Generator) -> Array:
+    def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         return np.ones(1)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import Family, Slot, register
+from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, State
 from hybrid_dynamics.robots import Robot
 
@@ -83,12 +83,12 @@ class TorqueRipple(Family):
         ),
     )
 
-    def slots(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Slot]:
+    def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
         return []  # harmonics come from the data, see propose
 
     def propose(
         self, names: Sequence[str], motions: Sequence[Motion], residuals: Sequence[Array], moving: NDArray[np.bool_]
-    ) -> list[Slot]:
+    ) -> list[Term]:
         """The most prominent harmonics of what is left of each joint's torque, over its position."""
         q, left = np.concatenate([m.q for m in motions]), np.concatenate(list(residuals))
         out = []
@@ -104,25 +104,25 @@ class TorqueRipple(Family):
                 share = np.where(np.abs(harmonics - n) < 2 * np.pi / span, 0.0, share)
         return out
 
-    def at(self, joint: int, harmonic: float) -> Slot:
-        """The slot of one harmonic [1/rad] on ``joint``."""
-        return Slot(self.name, joint, ((HARMONIC, float(harmonic)),))
+    def at(self, joint: int, harmonic: float) -> Term:
+        """The term of one harmonic [1/rad] on ``joint``."""
+        return Term(self.name, joint, ((HARMONIC, float(harmonic)),))
 
-    def place(self, slot: Slot) -> tuple[Any, ...]:
-        return (slot.effect, slot.joint, round(slot.options[HARMONIC]))
+    def place(self, term: Term) -> tuple[Any, ...]:
+        return (term.effect, term.joint, round(term.options[HARMONIC]))
 
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         return parameters["amplitude"] * xp.sin(parameters[HARMONIC] * at.own_q + parameters["phase"])
 
-    def parameters_of(self, x: Array, robot: Robot, slot: Slot) -> dict[str, float]:
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return {
             "amplitude": float(np.hypot(x[0], x[1])),
-            HARMONIC: float(slot.options[HARMONIC]),
+            HARMONIC: float(term.options[HARMONIC]),
             "phase": float(np.arctan2(x[1], x[0])),
         }
 
-    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, slot: Slot) -> Array:
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         return parameters["amplitude"] * np.array([np.cos(parameters["phase"]), np.sin(parameters["phase"])])
 
-    def draw_slot(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Slot:
+    def draw_term(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Term:
         return self.at(int(rng.choice(np.flatnonzero(moving))), float(rng.integers(6, 30)))

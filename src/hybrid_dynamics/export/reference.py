@@ -54,9 +54,9 @@ def _terms_of_all() -> dict[str, list[tuple[str, ...]]]:
         kind, found = family(name), set()
         for seed in range(_DRAWS):
             rng = np.random.default_rng(seed)
-            slot = kind.draw_slot(robot, np.ones(3, bool), rng)
-            parameters, settings = kind.at_slot(slot, kind.draw(robot, slot, rng), robot)
-            joints = () if slot.joint is None else (robot.joint_names[slot.joint],)
+            term = kind.draw_term(robot, np.ones(3, bool), rng)
+            parameters, settings = kind.at_term(term, kind.draw(robot, term, rng), robot)
+            joints = () if term.joint is None else (robot.joint_names[term.joint],)
             found.add(tuple(terms(Effect(name, joints, parameters, settings), robot)))
         out[name] = sorted(found)
     return out

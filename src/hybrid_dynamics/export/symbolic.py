@@ -39,11 +39,11 @@ class Namespace:
 
 @dataclass(frozen=True)
 class Memory:
-    """One state of the exported model: ``joint`` (None: the elapsed time) and the ``travel`` [rad] of its friction."""
+    """One state of the exported model: ``joint`` (None: elapsed time), its presliding ``displacement`` [rad]."""
 
     name: str
     joint: int | None = None
-    travel: float = 0.0
+    displacement: float = 0.0
 
 
 class SymbolicModel:
@@ -64,13 +64,15 @@ class SymbolicModel:
         self.state = cs.SX.sym("state", len(self.memories))
 
     def _memories(self) -> list[Memory]:
-        """Friction states, one for each joint and travel, and the elapsed time where a law depends on it."""
+        """Friction states, one for each joint and displacement, and the elapsed time where a law depends on it."""
         found: dict[tuple[int, float], Memory] = {}
         for effect, kind in self.laws:
-            travel = kind.travel(effect.parameters, effect.settings)
-            for joint, _ in kind.rows(self.model.robot, effect.slot(self.model.robot)):
-                if travel is not None:
-                    found[joint, travel] = Memory(f"z of {self.model.robot.joint_names[joint]}", joint, travel)
+            displacement = kind.presliding(effect.parameters, effect.settings)
+            for joint, _ in kind.rows(self.model.robot, effect.term(self.model.robot)):
+                if displacement is not None:
+                    found[joint, displacement] = Memory(
+                        f"z of {self.model.robot.joint_names[joint]}", joint, displacement
+                    )
         time, no_state = cs.SX.sym("time"), dict.fromkeys(found, cs.SX(0))
         torque = self._laws(self.q, self.tau_model, {}, no_state, time)
         return [*found.values(), *([Memory(ELAPSED)] if cs.depends_on(torque, time) else [])]
@@ -131,7 +133,7 @@ class SymbolicModel:
                 continue
             speed = self.dq[memory.joint]
             way = cs.sign(speed)
-            after.append(way + (self.state[k] - way) * cs.exp(-cs.fabs(speed) * self.dt / memory.travel))
+            after.append(way + (self.state[k] - way) * cs.exp(-cs.fabs(speed) * self.dt / memory.displacement))
         out = cs.vertcat(*after) if after else cs.SX(0, 1)
         return self._function("advance", {"dq": self.dq, "dt": self.dt, "state": self.state}, out)
 
@@ -156,7 +158,7 @@ class SymbolicModel:
     def _read(self, load: cs.SX, read: Mapping[str, Any], changed: Mapping[int, Any] | None = None) -> cs.SX:
         """Recorded torque where the rigid body needs ``load``."""
         q = self.q + cs.vertcat(*(cs.SX(o) for o in read["offset"]))
-        z = {(m.joint, m.travel): self.state[k] for k, m in enumerate(self.memories) if m.joint is not None}
+        z = {(m.joint, m.displacement): self.state[k] for k, m in enumerate(self.memories) if m.joint is not None}
         time = next((self.state[k] for k, m in enumerate(self.memories) if m.joint is None), None)
         return (load + self._laws(q, load, changed or {}, z, time)) * cs.vertcat(*(cs.SX(g) for g in read["gain"]))
 
@@ -165,9 +167,9 @@ class SymbolicModel:
         out = [cs.SX(0)] * self.n
         for k, (effect, kind) in enumerate(self.laws):
             parameters = changed.get(k, effect.parameters)
-            travel = kind.travel(effect.parameters, effect.settings)
-            for joint, partner in kind.rows(self.model.robot, effect.slot(self.model.robot)):
-                memory = None if travel is None else z[joint, travel]
+            displacement = kind.presliding(effect.parameters, effect.settings)
+            for joint, partner in kind.rows(self.model.robot, effect.term(self.model.robot)):
+                memory = None if displacement is None else z[joint, displacement]
                 at = State(q, self.dq, self.ddq, load, joint, partner, time, memory)
                 out[joint] = out[joint] + kind.law(Namespace, at, parameters, effect.settings)
         return cs.vertcat(*out)

@@ -13,7 +13,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, family
 from hybrid_dynamics.effects.base import ONLY_RUN
-from hybrid_dynamics.effects.sign import TRAVEL, WIDTH
+from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH
 from hybrid_dynamics.export.body import BodyNumbers
 from hybrid_dynamics.robots import Robot
 
@@ -29,7 +29,7 @@ WORDS: dict[str, str] = {
     "quadratic_damping": "friction with the square of the speed",
     "cubic_damping": "friction with the cube of the speed",
     "dry_friction": "Coulomb friction",
-    "gradual_reversal": "how friction turns over at a reversal (over a speed or a travel; taken as sharp)",
+    "gradual_reversal": "how friction turns over at a reversal (over a speed or a displacement; taken as sharp)",
     "stribeck_rise": "rise of friction towards standstill",
     "offset": "constant torque",
     "stiffness": "spring that is linear in the joint's position",
@@ -75,10 +75,10 @@ def terms(effect: Effect, robot: Robot) -> Terms:
     if kind.changes_body:
         return _body_terms(effect, robot)
     if kind.viscous_powers:
-        x = kind.coordinates_of(effect.parameters, robot, effect.slot(robot))
+        x = kind.coordinates_of(effect.parameters, robot, effect.term(robot))
         return {_DAMPING[power]: float(v) for power, v in zip(kind.viscous_powers, x, strict=True)}
     out = spring(effect) or _BY_NAME.get(kind.name, lambda p: {"law": 1.0})(effect.parameters)
-    if {WIDTH, TRAVEL} & set(effect.settings) and "law" not in out:
+    if {WIDTH, SIGN_DISPLACEMENT} & set(effect.settings) and "law" not in out:
         out["gradual_reversal"] = 1.0
     return out
 

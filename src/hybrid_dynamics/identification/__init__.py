@@ -1,4 +1,4 @@
-"""Classical identification: base parameters and physically consistent least squares, the yardstick of the study."""
+"""Classical identification: base parameters and physically consistent least squares, the baseline of the study."""
 
 from hybrid_dynamics.identification.base_parameters import BaseParameters, base_parameters
 from hybrid_dynamics.identification.least_squares import LeastSquares, LeastSquaresSettings

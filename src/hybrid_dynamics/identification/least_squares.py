@@ -1,4 +1,4 @@
-"""The classical yardstick: base inertial parameters, rotor inertia and friction by physically consistent least squares.
+"""The classical baseline: base inertial parameters, rotor inertia and friction by physically consistent least squares.
 
     tau = Y(q, dq, ddq) pi + Ia ddq + fv dq + fc s(dq) + fo,   s(dq) = tanh(dq / w) or sign(dq)
 

@@ -106,14 +106,14 @@ def _close(
     logs = read_motion(base.completed_robot, plausible.train, plausible.test, settings)
 
     tell("computing what each effect would do", 0.15)
-    judge, slots, notes = gather(base, logs, settings)
+    judge, terms, notes = gather(base, logs, settings)
 
     tell("tracing", 0.3)
-    found = find(judge, slots, _counted(tell, 0.3, 0.8))
+    found = find(judge, terms, _counted(tell, 0.3, 0.8))
     judge = found.judge
 
     tell("asking the test runs", 0.8)
-    full = found.model(found.slots)
+    full = found.model(found.terms)
     said = confirm(judge, base, full, found, logs.test)
     runs = [*logs.train, *logs.test]
     left = [run.tau - predict_run(said.model, run) for run in runs]
@@ -122,7 +122,7 @@ def _close(
 
     tell("describing what is left", 0.9)
     notes = [*plausible.notes, *logs.notes, *notes, *found.notes]
-    diagnosis, stages = describe_result(judge, base, slots, found, full, said, floor, logs, notes)
+    diagnosis, stages = describe_result(judge, base, terms, found, full, said, floor, logs, notes)
     after = diagnosis.error_moving["test"].after_confirmed
     assert after is not None
     tell("done", 1.0)
@@ -145,7 +145,7 @@ def _counted(tell: Progress, low: float, high: float) -> Callable[[Step], None]:
     def report(step: Step) -> None:
         nonlocal count
         count += 1
-        what = "" if step.slot is None else f" {step.slot.effect}"
+        what = "" if step.term is None else f" {step.term.effect}"
         tell(f"{step.action}{what}", high - (high - low) * float(np.exp(-count / 40)))
 
     return report

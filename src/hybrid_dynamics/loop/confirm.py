@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.model import Model
@@ -64,11 +64,11 @@ def test_change(judge: Judge, tests: Sequence[Run], full: Model, without: Model)
 
 @dataclass(frozen=True)
 class Confirmation:
-    """``changes`` per slot; ``refused``: slots in the order in which the test runs spoke against them; ``model``
+    """``changes`` per term; ``refused``: terms in the order in which the test runs spoke against them; ``model``
     without those, re-fitted; it lists them as inactive."""
 
-    changes: dict[Slot, TestChange]
-    refused: tuple[Slot, ...]
+    changes: dict[Term, TestChange]
+    refused: tuple[Term, ...]
     model: Model
 
 
@@ -78,8 +78,8 @@ def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequenc
     The most contradicted name goes first and the rest are asked again without it. A joint that still ends worse than it
     began loses the single-joint names that make it so.
     """
-    changes: dict[Slot, TestChange] = {}
-    kept, refused, model = list(found.slots), [], full
+    changes: dict[Term, TestChange] = {}
+    kept, refused, model = list(found.terms), [], full
     while kept:
         asked = {s: test_change(judge, tests, model, found.model([o for o in kept if o != s], False)) for s in kept}
         for s, change in asked.items():
@@ -92,7 +92,7 @@ def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequenc
         kept.remove(worst)
         refused.append(worst)
         model = found.model(kept)
-    inactive = [e for s, e in zip(found.slots, full.effects[len(base.effects) :], strict=True) if s in refused]
+    inactive = [e for s, e in zip(found.terms, full.effects[len(base.effects) :], strict=True) if s in refused]
     return Confirmation(changes, tuple(refused), model.with_inactive(inactive))
 
 
@@ -100,10 +100,10 @@ def _worse_joints(
     judge: Judge,
     base: Model,
     model: Model,
-    kept: Sequence[Slot],
-    asked: dict[Slot, TestChange],
+    kept: Sequence[Term],
+    asked: dict[Term, TestChange],
     tests: Sequence[Run],
-) -> list[Slot]:
+) -> list[Term]:
     """Names on joints that end surely worse than they began and would be better without them."""
     change = test_change(judge, tests, model, base)
     worse = set(np.flatnonzero(change.per_joint > 0.05))

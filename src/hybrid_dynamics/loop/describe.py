@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, Slot
+from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
 from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rounded, verdict_of
 from hybrid_dynamics.loop.extrapolation import extrapolation
@@ -24,7 +24,7 @@ from hybrid_dynamics.robots import Robot
 def describe_result(
     judge: Judge,
     base: Model,
-    slots: Sequence[Slot],
+    terms: Sequence[Term],
     found: Found,
     full: Model,
     said: Confirmation,
@@ -34,33 +34,33 @@ def describe_result(
 ) -> tuple[Diagnosis, list[Model]]:
     """The diagnosis and the model after each effect; ``notes`` are what the earlier steps told."""
     robot, evidence = base.robot, judge.evidence
-    alternatives = indistinguishable(judge, found.slots, slots)
-    disagreeing = inconsistent(judge, found.slots, found.x, found.torn)
-    open_parameters = {s: undetermined(evidence, found.slots, s) for s in found.slots}
-    stages = [base, *(found.model(found.slots[: k + 1], False) for k in range(len(found.slots)))]
+    alternatives = indistinguishable(judge, found.terms, terms)
+    disagreeing = inconsistent(judge, found.terms, found.x, found.inconsistent)
+    open_parameters = {s: undetermined(evidence, found.terms, s) for s in found.terms}
+    stages = [base, *(found.model(found.terms[: k + 1], False) for k in range(len(found.terms)))]
     stages[-1] = full
     rms = [moving_rms(m, logs.test) for m in stages]
     outside = extrapolation(robot.joint_names, logs.train, logs.test)
     lines: list[str] = []
     entries = []
     added = full.effects[len(base.effects) :]
-    for k, (slot, effect) in enumerate(zip(found.slots, added, strict=True)):
+    for k, (term, effect) in enumerate(zip(found.terms, added, strict=True)):
         entry = effect_to_json(effect)
-        entry["indistinguishable_from"] = alternatives.get(slot, [])
-        if open_parameters[slot]:
-            entry["undetermined_parameters"] = open_parameters[slot]
-        if slot in disagreeing:
-            entry["inconsistent_between_runs"] = disagreeing[slot]
-            which = ", ".join(d["parameter"] for d in disagreeing[slot])
-            lines.append(f"{slot.effect}{_where(robot, slot)}: {which} differ between runs beyond their uncertainty")
+        entry["indistinguishable_from"] = alternatives.get(term, [])
+        if open_parameters[term]:
+            entry["undetermined_parameters"] = open_parameters[term]
+        if term in disagreeing:
+            entry["inconsistent_between_runs"] = disagreeing[term]
+            which = ", ".join(d["parameter"] for d in disagreeing[term])
+            lines.append(f"{term.effect}{_where(robot, term)}: {which} differ between runs beyond their uncertainty")
         lines += _change(base, effect)
         entry["test_rmse_before"] = [float(v) for v in rms[k]]
         entry["test_rmse_after"] = [float(v) for v in rms[k + 1]]
-        entry |= _confirmed(robot, slot, said, outside, entry, len(logs.train))
+        entry |= _confirmed(robot, term, said, outside, entry, len(logs.train))
         if not entry["confirmed"]:
-            lines.append(f"{slot.effect}{_where(robot, slot)}: contradicted by the test runs ({entry['why_not']})")
+            lines.append(f"{term.effect}{_where(robot, term)}: contradicted by the test runs ({entry['why_not']})")
         entries.append(entry)
-    lines += said.model.outrun(np.concatenate([run.motion.dq for run in logs.test]))
+    lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
         lines.append(
             f"{robot.joint_names[j]}: what is left changes slowly (autocorrelation {floor.autocorrelation[j]:.2f}); "
@@ -111,26 +111,26 @@ def _unexplained(robot: Robot, model: Model, logs: Logs, judge: Judge, floor: Fl
 
 
 def _confirmed(
-    robot: Robot, slot: Slot, said: Confirmation, outside: list[dict[str, Any]], entry: dict[str, Any], runs: int
+    robot: Robot, term: Term, said: Confirmation, outside: list[dict[str, Any]], entry: dict[str, Any], runs: int
 ) -> dict[str, Any]:
-    change = said.changes[slot]
+    change = said.changes[term]
     out: dict[str, Any] = {
-        "confirmed": slot not in said.refused,
+        "confirmed": term not in said.refused,
         "test_change": {"value": change.relative, "std_error": change.error},
     }
-    if slot in said.refused:
-        out["why_not"] = _why_not(robot, slot, change, outside, entry, runs)
+    if term in said.refused:
+        out["why_not"] = _why_not(robot, term, change, outside, entry, runs)
     return out
 
 
 def _why_not(
-    robot: Robot, slot: Slot, change: TestChange, outside: list[dict[str, Any]], entry: dict[str, Any], runs: int
+    robot: Robot, term: Term, change: TestChange, outside: list[dict[str, Any]], entry: dict[str, Any], runs: int
 ) -> str:
     """The probable reason, one clause."""
     own = [
         o
         for o in outside
-        if (slot.joint is None or o["joint"] == robot.joint_names[slot.joint]) and o["share_outside"] > 0.05
+        if (term.joint is None or o["joint"] == robot.joint_names[term.joint]) and o["share_outside"] > 0.05
     ]
     if own:
         o = own[0]
@@ -148,9 +148,9 @@ def _why_not(
 
 def _change(base: Model, effect: Effect) -> list[str]:
     """What became of a joint's effect that ``base`` has already; bodies have their whole inertia in the table."""
-    slot = effect.slot(base.robot)
-    kind = slot.family()
-    old = [e for e in base.effects if e.slot(base.robot) == slot and kind.scope == "joint"]
+    term = effect.term(base.robot)
+    kind = term.family()
+    old = [e for e in base.effects if e.term(base.robot) == term and kind.scope == "joint"]
     return [
         f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to "
         f"{was + effect.parameters[p.name]:.4g} {p.unit} since the starting model"
@@ -159,8 +159,8 @@ def _change(base: Model, effect: Effect) -> list[str]:
     ]
 
 
-def _where(robot: Robot, slot: Slot) -> str:
-    return "" if slot.joint is None else f" of {robot.joint_names[slot.joint]}"
+def _where(robot: Robot, term: Term) -> str:
+    return "" if term.joint is None else f" of {robot.joint_names[term.joint]}"
 
 
 def _errors(base: Model, full: Model, confirmed: Model, logs: Logs, moving: bool) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The data of one loop reduced to what selection needs: Gram matrices per joint and block of time.
 
-For every joint the smoothed columns of all candidate slots, and the torque that the starting model leaves, become one
-Gram matrix per block. Fits, held-out errors and block-wise uncertainty of any combination of slots follow from sums of
+For every joint the smoothed columns of all candidate terms, and the torque that the starting model leaves, become one
+Gram matrix per block. Fits, held-out errors and block-wise uncertainty of any combination of terms follow from sums of
 these, so a candidate costs about a millisecond, whatever the length of the logs.
 """
 
@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Effect, Motion, Slot
+from hybrid_dynamics.effects import Effect, Motion, Term
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.physics import physical_constraints
 from hybrid_dynamics.loop.process import Run
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 Indices = NDArray[np.int_]
 
-#: Setting of a slot that acts in one run only (an effect fitted run by run).
+#: Setting of a term that acts in one run only (an effect fitted run by run).
 ONLY_RUN = "only_run"
 
 
@@ -44,15 +44,15 @@ FEWEST_BLOCKS, MOST_BLOCKS = 12, 100
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the coordinates of a combination of slots stand: ``positions[slot]`` in x, size ``total``."""
+    """Where the coordinates of a combination of terms stand: ``positions[term]`` in x, size ``total``."""
 
-    slots: tuple[Slot, ...]
+    terms: tuple[Term, ...]
     starts: tuple[int, ...]
     total: int
 
 
 class Held:
-    """Held-out prediction of one combination of slots: every fold predicted by a fit on the others.
+    """Held-out prediction of one combination of terms: every fold predicted by a fit on the others.
 
     ``folds[f][j]`` is the vector v that turns the columns of joint j into the residual of fold f: residual = rows @ v.
     Scores and block-wise products of residuals follow from the Gram matrices; nothing is predicted sample by sample.
@@ -100,48 +100,48 @@ def _as_slice(index: Indices) -> slice | Indices:
     return index
 
 
-def _follows(slot: Slot) -> bool:
+def _follows(term: Term) -> bool:
     """True where the columns depend on the model that is being fitted."""
-    return slot.family().uses_load or slot.family().uses_torque
+    return term.family().uses_load or term.family().uses_torque
 
 
-def slot_order(slot: Slot) -> tuple[str, int, str]:
-    """Key that sorts slots the same way every time."""
-    return slot.effect, -1 if slot.joint is None else slot.joint, repr(slot.settings)
+def term_order(term: Term) -> tuple[str, int, str]:
+    """Key that sorts terms the same way every time."""
+    return term.effect, -1 if term.joint is None else term.joint, repr(term.settings)
 
 
 class Evidence:
-    """Gram matrices of the training runs for a list of slots, with respect to a starting model."""
+    """Gram matrices of the training runs for a list of terms, with respect to a starting model."""
 
-    def __init__(self, base: Model, runs: Sequence[Run], slots: Sequence[Slot], settings: LoopSettings) -> None:
+    def __init__(self, base: Model, runs: Sequence[Run], terms: Sequence[Term], settings: LoopSettings) -> None:
         self.base, self.runs, self.settings = base, list(runs), settings
         #: Rows that count, per run (K, n): where the joint moves and nothing disturbs it.
         self.mask = [run.mask.copy() for run in self.runs]
         self.robot = base.completed_robot
         self.n = self.robot.n_joints
-        self.slots: list[Slot] = []
+        self.terms: list[Term] = []
         self.weights = np.ones(self.n)
-        self._columns: dict[Slot, list[Indices | None]] = {}
-        #: Columns already there, per joint: what two slots share (a link's inertia) is kept once.
+        self._columns: dict[Term, list[Indices | None]] = {}
+        #: Columns already there, per joint: what two terms share (a link's inertia) is kept once.
         self._known: list[dict[bytes, int]] = [{} for _ in range(self.n)]
         self.gram: list[Array] = []
-        self._cache: dict[tuple[frozenset[Slot], bool], Held] = {}
+        self._cache: dict[tuple[frozenset[Term], bool], Held] = {}
         self._rows: list[list[Array]] = [[np.empty((len(r.time), 0)) for _ in range(self.n)] for r in self.runs]
         self.base_target = [run.tau - run.smooth(self.predict_fine(base, run)) for run in self.runs]
         #: True where effects of the starting model follow the load, and so every change of the rigid body.
-        self.base_follows_load = any(e.slot(base.robot).family().uses_load for e in base.effects)
-        self._base_places: dict[Slot, Array] = {}
+        self.base_follows_load = any(e.term(base.robot).family().uses_load for e in base.effects)
+        self._base_places: dict[Term, Array] = {}
         for effect in base.effects:
-            slot = effect.slot(base.robot)
-            if slot.family().scope == "joint":
-                own = slot.family().coordinates_of(effect.parameters, base.robot, slot)
-                self._base_places[slot] = self._base_places.get(slot, np.zeros(len(own))) + own
+            term = effect.term(base.robot)
+            if term.family().scope == "joint":
+                own = term.family().coordinates_of(effect.parameters, base.robot, term)
+                self._base_places[term] = self._base_places.get(term, np.zeros(len(own))) + own
         #: Fastest speed of every joint in the runs (n,) [rad/s].
         self.fastest = np.max([np.abs(run.dq).max(axis=0) for run in self.runs], axis=0)
         self.target = [t.copy() for t in self.base_target]
         self._moved = False
         self._make_blocks()
-        self.add_slots(slots)
+        self.add_terms(terms)
 
     @staticmethod
     def predict_fine(model: Model, run: Run) -> Array:
@@ -188,26 +188,26 @@ class Evidence:
             self.block_fold[mine] = np.arange(len(mine)) * self.folds // max(len(mine), 1)
         self._sum()
 
-    def add_slots(self, slots: Sequence[Slot]) -> None:
-        """Compute and append the columns of ``slots`` (those not there yet)."""
+    def add_terms(self, terms: Sequence[Term]) -> None:
+        """Compute and append the columns of ``terms`` (those not there yet)."""
         sizes = [rows.shape[1] for rows in self._rows[0]]
-        for slot in slots:
-            if slot in self._columns:
+        for term in terms:
+            if term in self._columns:
                 continue
-            parts = self._smoothed(slot, [run.motion for run in self.runs])
-            only = dict(slot.settings).get(ONLY_RUN)
+            parts = self._smoothed(term, [run.motion for run in self.runs])
+            only = dict(term.settings).get(ONLY_RUN)
             if only is not None:
                 parts = [p if run.name == only else np.zeros_like(p) for p, run in zip(parts, self.runs, strict=True)]
             where: list[Indices | None] = []
             for j in range(self.n):
                 own = [p if p.ndim == 2 else p[:, j] for p in parts]
-                acts = parts[0].ndim == 3 or slot.joint == j
+                acts = parts[0].ndim == 3 or term.joint == j
                 if not acts or max(float(np.abs(o).max(initial=0.0)) for o in own) < 1e-9:
                     where.append(None)
                     continue
-                where.append(self._place(j, own, shared=not _follows(slot)))
-            self._columns[slot] = where
-            self.slots.append(slot)
+                where.append(self._place(j, own, shared=not _follows(term)))
+            self._columns[term] = where
+            self.terms.append(term)
         grown = {j for j in range(self.n) if self._rows[0][j].shape[1] != sizes[j]}
         if not self.gram:
             self._reduce()
@@ -234,13 +234,13 @@ class Evidence:
                 self._rows[r][j] = np.hstack([self._rows[r][j], p[:, new]])
         return np.array(index, int)
 
-    def _smoothed(self, slot: Slot, motions: Sequence[Motion]) -> list[Array]:
+    def _smoothed(self, term: Term, motions: Sequence[Motion]) -> list[Array]:
         out = []
         for run, motion in zip(self.runs, motions, strict=True):
-            columns = slot.family().columns(motion, slot)
-            if self.base_follows_load and slot.family().changes_body:
+            columns = term.family().columns(motion, term)
+            if self.base_follows_load and term.family().changes_body:
                 share = 1.0 + self.base.load_derivative(motion.q, motion.dq, motion.ddq)
-                columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [slot.index]])
+                columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [term.index]])
             out.append(run.smooth(columns))
         return out
 
@@ -248,12 +248,12 @@ class Evidence:
         """The starting model with those of ``effects`` that act in ``run``."""
         return self.base.adding(e for e in effects if e.settings.get(ONLY_RUN) in (None, run.name))
 
-    def renew(self, effects: Sequence[Effect], slots: Sequence[Slot]) -> None:
-        """Compute the columns of ``slots`` that follow the load or the model's torque anew, with ``effects`` added."""
-        slots = [s for s in slots if _follows(s)]
-        if not slots:
+    def renew(self, effects: Sequence[Effect], terms: Sequence[Term]) -> None:
+        """Compute the columns of ``terms`` that follow the load or the model's torque anew, with ``effects`` added."""
+        terms = [s for s in terms if _follows(s)]
+        if not terms:
             return
-        torque = any(s.family().uses_torque for s in slots)
+        torque = any(s.family().uses_torque for s in terms)
         motions = []
         for run in self.runs:
             model, m = self._model_in(effects, run), run.motion
@@ -261,9 +261,9 @@ class Evidence:
             given = model.without_readings().predict(m.q, m.dq, m.ddq, m.time) if torque else None
             motions.append(replace(m, given_load=load, given_torque=given))
         changed = set()
-        for slot in slots:
-            parts = self._smoothed(slot, motions)
-            for j, where in enumerate(self._columns[slot]):
+        for term in terms:
+            parts = self._smoothed(term, motions)
+            for j, where in enumerate(self._columns[term]):
                 if where is not None:
                     changed.add(j)
                     for r, part in enumerate(parts):
@@ -366,9 +366,9 @@ class Evidence:
         self.weights = np.where(seen, 1.0 / np.where(seen, floor, 1.0) ** 2, 0.0)
         self._cache = {}
 
-    def relinearise(self, effects: Sequence[Effect], slots: Sequence[Slot], x: Array) -> None:
+    def relinearise(self, effects: Sequence[Effect], terms: Sequence[Term], x: Array) -> None:
         """Make the linear problem exact at ``x``: target = tau - exact(x) + columns x (Gauss-Newton, fixed columns)."""
-        linear = self.linear(slots, x)
+        linear = self.linear(terms, x)
         self._moved = True
         for r, run in enumerate(self.runs):
             model = self._model_in(effects, run)
@@ -383,35 +383,35 @@ class Evidence:
         self.target = [t.copy() for t in self.base_target]
         self._retarget()
 
-    def linear(self, slots: Sequence[Slot], x: Array) -> list[Array]:
-        """Columns times coordinates: torque (K, n) [N m] of ``slots`` in every run."""
-        layout = self.layout(slots)
+    def linear(self, terms: Sequence[Term], x: Array) -> list[Array]:
+        """Columns times coordinates: torque (K, n) [N m] of ``terms`` in every run."""
+        layout = self.layout(terms)
         out = [np.zeros((len(run.time), self.n)) for run in self.runs]
-        for slot, start in zip(layout.slots, layout.starts, strict=True):
-            own = x[start : start + slot.size]
-            for j, where in enumerate(self._columns[slot]):
+        for term, start in zip(layout.terms, layout.starts, strict=True):
+            own = x[start : start + term.size]
+            for j, where in enumerate(self._columns[term]):
                 if where is not None:
                     for r in range(len(self.runs)):
                         out[r][:, j] += self._rows[r][j][:, where] @ own
         return out
 
-    def residuals(self, slots: Sequence[Slot], x: Array) -> list[Array]:
-        """What ``slots`` at ``x`` leave of the target (K, n) [N m] in every run."""
-        return [t - part for t, part in zip(self.target, self.linear(slots, x), strict=True)]
+    def residuals(self, terms: Sequence[Term], x: Array) -> list[Array]:
+        """What ``terms`` at ``x`` leave of the target (K, n) [N m] in every run."""
+        return [t - part for t, part in zip(self.target, self.linear(terms, x), strict=True)]
 
-    def acts(self, slot: Slot) -> NDArray[np.bool_]:
-        """(n,) on which joints ``slot`` has a torque."""
-        return np.array([where is not None for where in self._columns[slot]])
+    def acts(self, term: Term) -> NDArray[np.bool_]:
+        """(n,) on which joints ``term`` has a torque."""
+        return np.array([where is not None for where in self._columns[term]])
 
     def joint_rows(self, run: int, joint: int) -> Array:
-        """Smoothed columns (K, p) of all slots that act on ``joint`` in run number ``run``."""
+        """Smoothed columns (K, p) of all terms that act on ``joint`` in run number ``run``."""
         return self._rows[run][joint]
 
     # -- solving ----------------------------------------------------------------------------------------------------
-    def layout(self, slots: Sequence[Slot]) -> Layout:
-        sizes = [s.size for s in slots]
+    def layout(self, terms: Sequence[Term]) -> Layout:
+        sizes = [s.size for s in terms]
         starts = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-        return Layout(tuple(slots), tuple(int(v) for v in starts[:-1]), int(starts[-1]))
+        return Layout(tuple(terms), tuple(int(v) for v in starts[:-1]), int(starts[-1]))
 
     def indices(self, layout: Layout) -> list[tuple[Indices, Indices]]:
         """Per joint: positions in x and columns in the joint's Gram matrix."""
@@ -419,8 +419,8 @@ class Evidence:
         for j in range(self.n):
             position: list[int] = []
             column: list[int] = []
-            for slot, start in zip(layout.slots, layout.starts, strict=True):
-                where = self._columns[slot][j]
+            for term, start in zip(layout.terms, layout.starts, strict=True):
+                where = self._columns[term][j]
                 if where is not None:
                     position.extend(range(start, start + len(where)))
                     column.extend(where)
@@ -429,16 +429,16 @@ class Evidence:
 
     def constraints(self, layout: Layout) -> Constraints:
         return physical_constraints(
-            layout.slots, layout.starts, layout.total, self._base_places, self.robot, self.fastest
+            layout.terms, layout.starts, layout.total, self._base_places, self.robot, self.fastest
         )
 
-    def has(self, slot: Slot) -> bool:
-        """True where the columns of ``slot`` are there."""
-        return slot in self._columns
+    def has(self, term: Term) -> bool:
+        """True where the columns of ``term`` are there."""
+        return term in self._columns
 
-    def in_base(self, slot: Slot) -> bool:
-        """True where the starting model has an effect at ``slot``."""
-        return slot in self._base_places
+    def in_base(self, term: Term) -> bool:
+        """True where the starting model has an effect at ``term``."""
+        return term in self._base_places
 
     def normal(
         self, layout: Layout, grams: Sequence[Array], indices: list[tuple[Indices, Indices]] | None = None
@@ -449,13 +449,13 @@ class Evidence:
             if len(position):
                 a[position[:, None], position] += self.weights[j] * grams[j][column[:, None], column]
                 b[position] += self.weights[j] * grams[j][column, -1]
-        scale = np.concatenate([s.family().prior_scale(self.robot, s) for s in layout.slots] or [np.zeros(0)])
+        scale = np.concatenate([s.family().prior_scale(self.robot, s) for s in layout.terms] or [np.zeros(0)])
         a[np.diag_indices_from(a)] += 1.0 / scale**2
         return a, b
 
-    def fit(self, slots: Sequence[Slot], grams: Sequence[Array] | None = None, physical: bool = True) -> Array:
-        """Coordinates of ``slots``, jointly, on the sum of blocks ``grams`` (default: all)."""
-        layout = self.layout(slots)
+    def fit(self, terms: Sequence[Term], grams: Sequence[Array] | None = None, physical: bool = True) -> Array:
+        """Coordinates of ``terms``, jointly, on the sum of blocks ``grams`` (default: all)."""
+        layout = self.layout(terms)
         if layout.total == 0:
             return np.zeros(0)
         a, b = self.normal(layout, self.full_gram if grams is None else grams)
@@ -467,8 +467,8 @@ class Evidence:
         for _ in range(2):
             planes = [
                 (start, plane)
-                for slot, start in zip(layout.slots, layout.starts, strict=True)
-                if (plane := slot.family().surface(x[start : start + slot.size], self.robot, slot)) is not None
+                for term, start in zip(layout.terms, layout.starts, strict=True)
+                if (plane := term.family().surface(x[start : start + term.size], self.robot, term)) is not None
             ]
             if not planes:
                 break
@@ -481,10 +481,10 @@ class Evidence:
             x = solve(stiff, target, constraints) if physical else solve_bounded(stiff, target, constraints.lower)
         return x
 
-    def errors(self, slots: Sequence[Slot], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:
+    def errors(self, terms: Sequence[Term], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:
         """Squared residual sums (blocks, n) [N m]^2 of coordinates ``x``."""
         grams = self.gram if blocks is None else [g[blocks] for g in self.gram]
-        return self._errors(self.indices(self.layout(slots)), x, grams)
+        return self._errors(self.indices(self.layout(terms)), x, grams)
 
     def _errors(self, indices: list[tuple[Indices, Indices]], x: Array, grams: Sequence[Array]) -> Array:
         out = np.empty((len(grams[0]), self.n))
@@ -499,11 +499,11 @@ class Evidence:
                 out[:, j] = gram[:, -1, -1]
         return np.maximum(out, 0.0)
 
-    def held(self, slots: Sequence[Slot], physical: bool = False) -> Held:
-        """Held-out prediction by ``slots``: fits under bounds alone, or with bodies and friction held ``physical``."""
-        key = frozenset(slots), physical
+    def held(self, terms: Sequence[Term], physical: bool = False) -> Held:
+        """Held-out prediction by ``terms``: fits under bounds alone, or with bodies and friction held ``physical``."""
+        key = frozenset(terms), physical
         if key not in self._cache:
-            layout = self.layout(sorted(key[0], key=slot_order))
+            layout = self.layout(sorted(key[0], key=term_order))
             indices, constraints = self.indices(layout), self.constraints(layout)
             folds = []
             for f in range(self.folds):
@@ -522,30 +522,30 @@ class Evidence:
             out.append(v)
         return out
 
-    def constrained(self, slots: Sequence[Slot]) -> bool:
-        """True where the fit of ``slots`` under bounds alone asks for a body or a friction that cannot exist."""
-        constraints = self.constraints(self.layout(slots))
+    def constrained(self, terms: Sequence[Term]) -> bool:
+        """True where the fit of ``terms`` under bounds alone asks for a body or a friction that cannot exist."""
+        constraints = self.constraints(self.layout(terms))
         if not constraints.coupled:
             return False
-        x = self.fit(slots, physical=False)
+        x = self.fit(terms, physical=False)
         return not constraints.satisfied(np.maximum(x, constraints.lower))
 
-    def held_out_all_rows(self, slots: Sequence[Slot], joint: int) -> float:
+    def held_out_all_rows(self, terms: Sequence[Term], joint: int) -> float:
         """Held-out squared residual sum [N m]^2 of ``joint`` over all rows, standing ones too; fits see moving ones."""
         total = 0.0
         for f in range(self.folds):
-            torque = self.linear(slots, self.fit(slots, self.fold_gram[f]))
+            torque = self.linear(terms, self.fit(terms, self.fold_gram[f]))
             for b in self.fold_blocks[f]:
                 r, (low, high) = self.block_run[b], self.block_rows[b]
                 total += float(np.sum((self.target[r][low:high, joint] - torque[r][low:high, joint]) ** 2))
         return total
 
-    def covariance(self, slots: Sequence[Slot], x: Array) -> Array:
+    def covariance(self, terms: Sequence[Term], x: Array) -> Array:
         """Covariance of ``x`` by the block sandwich: autocorrelation inside a block is respected.
 
         Liang and Zeger (1986), with blocks of time as clusters and the usual small-sample factor.
         """
-        layout = self.layout(slots)
+        layout = self.layout(terms)
         a, _ = self.normal(layout, self.full_gram)
         scores = np.zeros((len(self.block_rows), layout.total))
         for j, (position, column) in enumerate(self.indices(layout)):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Effect, Slot
+from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.further import further_candidates, refine, simplify
@@ -30,12 +30,12 @@ MUCH, MOST_WEIGHINGS = 1.3, 2
 
 @dataclass(frozen=True)
 class Found:
-    """``slots`` and their coordinates ``x``; ``torn``: those whose parameters differ between runs; ``steps``; ``judge``
-    as it weighed the joints in the end."""
+    """``terms`` and their coordinates ``x``; ``inconsistent``: those whose parameters differ between runs; ``steps``;
+    ``judge`` as it weighed the joints in the end."""
 
-    slots: list[Slot]
+    terms: list[Term]
     x: Array
-    torn: list[Slot]
+    inconsistent: list[Term]
     steps: list[Step]
     notes: list[str]
     judge: Judge
@@ -43,20 +43,20 @@ class Found:
     def effects(self, covariance: bool = True) -> list[Effect]:
         """With published parameters and standard errors."""
         evidence = self.judge.evidence
-        own = covariance_with_settings(evidence, self.slots, self.x) if covariance else None
-        return effects_of(evidence, self.slots, self.x, own)
+        own = covariance_with_settings(evidence, self.terms, self.x) if covariance else None
+        return effects_of(evidence, self.terms, self.x, own)
 
-    def model(self, slots: Sequence[Slot], covariance: bool = True) -> Model:
-        """The completed model with ``slots`` of these alone: re-fitted, but where runs disagree."""
-        if not slots:
+    def model(self, terms: Sequence[Term], covariance: bool = True) -> Model:
+        """The completed model with ``terms`` of these alone: re-fitted, but where runs disagree."""
+        if not terms:
             return self.judge.evidence.base
-        if not self.torn:
-            return model_of(self.judge.evidence, slots, covariance)
-        kept = [e for s, e in zip(self.slots, self.effects(covariance), strict=True) if s in slots]
+        if not self.inconsistent:
+            return model_of(self.judge.evidence, terms, covariance)
+        kept = [e for s, e in zip(self.terms, self.effects(covariance), strict=True) if s in terms]
         return self.judge.evidence.base.adding(kept)
 
 
-def find(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None]) -> Found:
+def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None]) -> Found:
     """Search from everything and from nothing, keep the better end, then only what is surely there.
 
     Where the model found leaves much less than the joints were weighed by at first (a large effect had drowned the
@@ -74,19 +74,19 @@ def find(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None
         evidence.weigh(lower)
         further = search(judge, candidates, report, chosen)
         steps += further
-        chosen = list(further[-1].slots)
+        chosen = list(further[-1].terms)
     candidates = [*candidates, *further_candidates(judge, chosen)]
     if len({s.place for s in candidates}) > looked:
         further = search(judge, candidates, report, chosen)
         steps += further
-        chosen = simplify(judge, refine(judge, further[-1].slots), candidates)
+        chosen = simplify(judge, refine(judge, further[-1].terms), candidates)
         looked = len({s.place for s in candidates})
     held = judge.mean_square(evidence.held(chosen, physical=True))
     if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
         further = split_by_run(judge, chosen, candidates, report)
         if further:
             notes = ["the runs disagree: a whole-robot effect has its own parameters in every training run"]
-            parts = list(further[-1].slots)
+            parts = list(further[-1].terms)
             chosen, x = pool(judge, parts)
             return Found(chosen, x, whole_of(parts), [*steps, *further], notes, judge)
         evidence.fold_by_run()
@@ -97,17 +97,17 @@ def find(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None
 
 
 def _both_ends(
-    judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None]
-) -> tuple[list[Slot], list[Step]]:
+    judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None]
+) -> tuple[list[Term], list[Step]]:
     everything = from_everything(judge, candidates, report)
     if everything:
-        everything += search(judge, candidates, report, everything[-1].slots)
+        everything += search(judge, candidates, report, everything[-1].terms)
     nothing = search(judge, candidates, report)
-    chosen = choose(judge, [nothing[-1].slots, *([everything[-1].slots] if everything else [])])
-    return chosen, nothing if list(nothing[-1].slots) == chosen else everything
+    chosen = choose(judge, [nothing[-1].terms, *([everything[-1].terms] if everything else [])])
+    return chosen, nothing if list(nothing[-1].terms) == chosen else everything
 
 
-def _lower_floor(judge: Judge, chosen: Sequence[Slot]) -> Array | None:
+def _lower_floor(judge: Judge, chosen: Sequence[Term]) -> Array | None:
     """Floors (n,) after ``chosen`` has been added, where one of them is much lower than before; else None."""
     evidence = judge.evidence
     x = refit(evidence, chosen)
@@ -120,7 +120,7 @@ def _lower_floor(judge: Judge, chosen: Sequence[Slot]) -> Array | None:
     return lower if np.any(seen & (lower < judge.floor / MUCH)) else None
 
 
-def _drop_guesses(judge: Judge, chosen: list[Slot]) -> list[Slot]:
+def _drop_guesses(judge: Judge, chosen: list[Term]) -> list[Term]:
     """Take back single-joint names on joints where more than half of the excess over the floor stays."""
     evidence = judge.evidence
     before = judge.mean_square(evidence.held([]))

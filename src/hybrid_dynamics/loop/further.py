@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from hybrid_dynamics.effects import Motion, Slot, family
+from hybrid_dynamics.effects import Motion, Term, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.trace import Judge, covers
@@ -30,8 +30,8 @@ _ROWS = 4000
 _STEPS = 14
 
 
-def further_candidates(judge: Judge, chosen: Sequence[Slot]) -> list[Slot]:
-    """Slots of the further families on joints where something is left; their columns are computed."""
+def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
+    """Terms of the further families on joints where something is left; their columns are computed."""
     evidence, settings = judge.evidence, judge.settings
     x = refit(evidence, chosen)
     residual = evidence.residuals(chosen, x)
@@ -45,36 +45,36 @@ def further_candidates(judge: Judge, chosen: Sequence[Slot]) -> list[Slot]:
         thin = slice(None, None, max(len(run.time) // _ROWS, 1))
         motions.append(Motion(evidence.robot, run.time[thin], run.q[thin], run.dq[thin], run.ddq[thin]))
         rest.append(r[thin])
-    slots = []
+    terms = []
     for name in settings.further:
         kind = family(name)
-        slots += kind.slots(evidence.robot, left, settings.options)
-        slots += kind.propose([run.name for run in evidence.runs], motions, rest, left)
-    few = [s for s in dict.fromkeys(slots) if len(s.family().published(s.options)) <= MOST_NUMBERS]
-    slots = [s for s in few if not evidence.has(s)]
-    evidence.add_slots(slots)
+        terms += kind.terms(evidence.robot, left, settings.options)
+        terms += kind.propose([run.name for run in evidence.runs], motions, rest, left)
+    few = [s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS]
+    terms = [s for s in few if not evidence.has(s)]
+    evidence.add_terms(terms)
     refit(evidence, chosen, everything=True)
-    return _promising(judge, chosen, slots)
+    return _promising(judge, chosen, terms)
 
 
-def _promising(judge: Judge, chosen: Sequence[Slot], slots: Sequence[Slot]) -> list[Slot]:
+def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term]) -> list[Term]:
     """The best settings of every place, and of the places those that lower the held-out error most."""
     evidence = judge.evidence
     now = evidence.held(chosen).score
-    best: dict[tuple[Any, ...], tuple[float, Slot]] = {}
-    for slot in slots:
-        score = evidence.held([*(s for s in chosen if not covers(slot, s)), slot]).score
-        if score < now and score < best.get(slot.place, (np.inf, slot))[0]:
-            best[slot.place] = score, slot
-    return [slot for _, slot in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:MOST_PLACES]]
+    best: dict[tuple[Any, ...], tuple[float, Term]] = {}
+    for term in terms:
+        score = evidence.held([*(s for s in chosen if not covers(term, s)), term]).score
+        if score < now and score < best.get(term.place, (np.inf, term))[0]:
+            best[term.place] = score, term
+    return [term for _, term in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:MOST_PLACES]]
 
 
-def simplify(judge: Judge, chosen: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
+def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
     """``chosen`` with every effect that holds another as a special case given back to that one where it is as good."""
     evidence = judge.evidence
     out = list(chosen)
-    for i, slot in enumerate(out):
-        plainer = [c for c in candidates if c.effect in slot.family().contains and c.joint == slot.joint]
+    for i, term in enumerate(out):
+        plainer = [c for c in candidates if c.effect in term.family().contains and c.joint == term.joint]
         trials = [[*out[:i], c, *out[i + 1 :]] for c in plainer]
         if not trials:
             continue
@@ -85,15 +85,15 @@ def simplify(judge: Judge, chosen: Sequence[Slot], candidates: Sequence[Slot]) -
     return out
 
 
-def refine(judge: Judge, chosen: Sequence[Slot]) -> list[Slot]:
+def refine(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     """``chosen`` with nonlinear parameters at the best value between their bounds, one after the other, twice."""
     evidence = judge.evidence
     out = list(chosen)
     if not any(s.family().nonlinear_settings for s in out):
         return out
     for _ in range(2):
-        for i, slot in enumerate(out):
-            for r in slot.family().nonlinear_settings:
+        for i, term in enumerate(out):
+            for r in term.family().nonlinear_settings:
                 start = float(out[i].options[r.name])
                 # A grid value is right to a factor of two or so; a harmonic to a fraction of a period.
                 low, high = (start / 2.5, start * 2.5) if r.log else (start - 0.5, start + 0.5)
@@ -104,7 +104,7 @@ def refine(judge: Judge, chosen: Sequence[Slot]) -> list[Slot]:
                 def loss(u: float, i: int = i, name: str = r.name, log: bool = r.log) -> float:
                     value = float(np.exp(u)) if log else float(u)
                     trial = out[i].refined(**{name: float(f"{value:.6g}")})
-                    evidence.add_slots([trial])
+                    evidence.add_terms([trial])
                     return evidence.held([*out[:i], trial, *out[i + 1 :]]).score
 
                 ends = (np.log(low), np.log(high)) if r.log else (low, high)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Place, overlap, pairs
@@ -22,31 +22,31 @@ DIFFERENCE = 0.05
 
 
 def indistinguishable(
-    judge: Judge, slots: Sequence[Slot], candidates: Sequence[Slot]
-) -> dict[Slot, list[dict[str, Any]]]:
-    """What would explain as much in the place of each slot (one candidate, or two together), why, and the remedy."""
+    judge: Judge, terms: Sequence[Term], candidates: Sequence[Term]
+) -> dict[Term, list[dict[str, Any]]]:
+    """What would explain as much in the place of each term (one candidate, or two together), why, and the remedy."""
     evidence = judge.evidence
     names = evidence.robot.joint_names
-    full = evidence.held(slots, evidence.constrained(slots))
-    x = evidence.fit(slots)
-    layout = evidence.layout(slots)
-    free = [c for c in candidates if not any(same_place(c, s) or covers(s, c) for s in slots)]
-    out: dict[Slot, list[dict[str, Any]]] = {}
-    for slot, start in zip(layout.slots, layout.starts, strict=True):
-        own = x[start : start + slot.size]
+    full = evidence.held(terms, evidence.constrained(terms))
+    x = evidence.fit(terms)
+    layout = evidence.layout(terms)
+    free = [c for c in candidates if not any(same_place(c, s) or covers(s, c) for s in terms)]
+    out: dict[Term, list[dict[str, Any]]] = {}
+    for term, start in zip(layout.terms, layout.starts, strict=True):
+        own = x[start : start + term.size]
         found: dict[frozenset[Place], tuple[float, dict[str, Any]]] = {}
-        rest = [s for s in slots if s != slot]
-        pressed = evidence.constrained(rest)
+        rest = [s for s in terms if s != term]
+        active = evidence.constrained(rest)
         tried: set[frozenset[Place]] = set()
-        for group in [*((c,) for c in free), *pairs(slot, free)]:
+        for group in [*((c,) for c in free), *pairs(term, free)]:
             key = frozenset((c.effect, c.joint) for c in group)
-            if (pressed and key in tried) or any(smaller < key for smaller in found):
+            if (active and key in tried) or any(smaller < key for smaller in found):
                 continue
             tried.add(key)
-            share = overlap(evidence, slot, own, *group)
+            share = overlap(evidence, term, own, *group)
             if share < (LIKENESS if len(group) == 1 else LIKENESS_OF_PAIR):
                 continue
-            held = evidence.held([*rest, *group], pressed)
+            held = evidence.held([*rest, *group], active)
             gain = judge.gain(held, full)
             loss, error = -gain.total, gain.error
             growth = judge.mean_square(held) / np.maximum(judge.mean_square(full), 1e-300) - 1
@@ -65,12 +65,12 @@ def indistinguishable(
             entry = {
                 "effects": [{"effect": c.effect, "joints": [] if c.joint is None else [names[c.joint]]} for c in group],
                 "why": why,
-                "motion_that_would_tell": motion_that_would_tell(slot, group, same),
+                "motion_that_would_tell": motion_that_would_tell(term, group, same),
             }
             if key not in found or loss < found[key][0]:
                 found[key] = (loss, entry)
         listed = [entry for _, entry in sorted(found.values(), key=lambda item: (len(item[1]["effects"]), item[0]))]
-        if slot.effect == "payload":
+        if term.effect == "payload":
             listed.insert(
                 0,
                 {
@@ -79,14 +79,14 @@ def indistinguishable(
                     "motion_that_would_tell": "No motion can tell; a run with the tool removed would.",
                 },
             )
-        out[slot] = listed
+        out[term] = listed
     return out
 
 
-def motion_that_would_tell(slot: Slot, others: Sequence[Slot], same: bool) -> str:
-    """One sentence: which motion separates ``slot`` from ``others``."""
-    first, last = slot.family().shown_by, others[-1]
-    if same and {slot.effect, last.effect} == {"armature", "link_inertia"} and slot.joint == last.joint == 0:
+def motion_that_would_tell(term: Term, others: Sequence[Term], same: bool) -> str:
+    """One sentence: which motion separates ``term`` from ``others``."""
+    first, last = term.family().shown_by, others[-1]
+    if same and {term.effect, last.effect} == {"armature", "link_inertia"} and term.joint == last.joint == 0:
         return "No motion of a robot on a fixed base can tell: only the rotation about the joint's own axis counts."
     rest = list(dict.fromkeys(o.family().shown_by for o in others if o.family().shown_by != first))
     if not rest:
@@ -94,55 +94,55 @@ def motion_that_would_tell(slot: Slot, others: Sequence[Slot], same: bool) -> st
     return f"A motion in which {first}; " + "; ".join(f"then one in which {clause}" for clause in rest) + "."
 
 
-def undetermined(evidence: Evidence, slots: Sequence[Slot], slot: Slot) -> list[str]:
-    """Published parameters of ``slot`` that the data leaves to the prior."""
-    layout = evidence.layout(slots)
+def undetermined(evidence: Evidence, terms: Sequence[Term], term: Term) -> list[str]:
+    """Published parameters of ``term`` that the data leaves to the prior."""
+    layout = evidence.layout(terms)
     a, _ = evidence.normal(layout, evidence.full_gram)
     scale = 1.0 / np.sqrt(np.diag(a))
     inverse = np.linalg.pinv(a * scale[:, None] * scale[None, :], rcond=1e-15, hermitian=True)
     variance = np.diag(inverse) * scale**2
-    start = layout.starts[layout.slots.index(slot)]
-    kind = slot.family()
-    loose = variance[start : start + slot.size] > 0.1 * kind.prior_scale(evidence.robot, slot) ** 2
-    return kind.left_open(slot, loose)
+    start = layout.starts[layout.terms.index(term)]
+    kind = term.family()
+    loose = variance[start : start + term.size] > 0.1 * kind.prior_scale(evidence.robot, term) ** 2
+    return kind.left_open(term, loose)
 
 
 def inconsistent(
-    judge: Judge, slots: Sequence[Slot], x: Array, torn: Sequence[Slot] = ()
-) -> dict[Slot, list[dict[str, Any]]]:
+    judge: Judge, terms: Sequence[Term], x: Array, inconsistent: Sequence[Term] = ()
+) -> dict[Term, list[dict[str, Any]]]:
     """Effects whose parameters differ between training runs by more than uncertainty, fitted run by run.
 
-    ``x`` are the coordinates of all slots. Every effect in turn is fitted to one run alone, the others held; it
+    ``x`` are the coordinates of all terms. Every effect in turn is fitted to one run alone, the others held; it
     disagrees where its own parameters lower that run's error by more than one squared floor on enough joints (those of
-    ``torn`` have already been found better with parameters of their own in every run), and a
+    ``inconsistent`` have already been found better with parameters of their own in every run), and a
     parameter differs by more than three standard errors from the mean of the runs and by more than a few percent of
     the largest parameter of its unit.
     """
     evidence = judge.evidence
     runs = len(evidence.runs)
-    out: dict[Slot, list[dict[str, Any]]] = {}
+    out: dict[Term, list[dict[str, Any]]] = {}
     if runs < 2:
         return out
-    layout = evidence.layout(slots)
-    for slot, start in zip(layout.slots, layout.starts, strict=True):
-        kind = slot.family()
-        keys = kind.published({k: v for k, v in slot.options.items() if k != ONLY_RUN})
+    layout = evidence.layout(terms)
+    for term, start in zip(layout.terms, layout.starts, strict=True):
+        kind = term.family()
+        keys = kind.published({k: v for k, v in term.options.items() if k != ONLY_RUN})
         fits = []
         for r in range(runs):
             mine = evidence.block_run == r
-            own, covariance, gain = fit_alone(evidence, slots, x, slot, start, mine)
+            own, covariance, gain = fit_alone(evidence, terms, x, term, start, mine)
             fits.append((own, covariance, gain))
-        if slot not in torn and not any(judge.matters(slot, gain, 1.0) for _, _, gain in fits):
+        if term not in inconsistent and not any(judge.matters(term, gain, 1.0) for _, _, gain in fits):
             continue
         values, errors = [], []
         for own, covariance, _ in fits:
-            effect = effects_of(evidence, [slot], own, covariance)[0]
+            effect = effects_of(evidence, [term], own, covariance)[0]
             values.append([effect.parameters[key] for key in keys])
             errors.append([max(effect.std_errors[key], 1e-12) for key in keys])
         v, e = np.array(values), np.array(errors)
         mean = (v / e**2).sum(axis=0) / (1 / e**2).sum(axis=0)
         chi = (((v - mean) / e) ** 2).sum(axis=0)
-        units = np.array([kind.unit(key, slot.options) for key in keys])
+        units = np.array([kind.unit(key, term.options) for key in keys])
         size = np.array([np.abs(v[:, units == unit]).max() for unit in units])
         spread = np.ptp(v, axis=0)
         entries = [
@@ -158,18 +158,18 @@ def inconsistent(
             if chi[k] > 9.0 * (runs - 1) and spread[k] > DIFFERENCE * size[k]
         ]
         if entries:
-            out[slot] = entries
+            out[term] = entries
     return out
 
 
 def fit_alone(
-    evidence: Evidence, slots: Sequence[Slot], x: Array, slot: Slot, start: int, blocks: NDArray[np.bool_]
+    evidence: Evidence, terms: Sequence[Term], x: Array, term: Term, start: int, blocks: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
-    """Coordinates of ``slot`` on ``blocks`` with all others held at ``x``; covariance; gain (n,) [N m]^2."""
-    layout = evidence.layout(slots)
-    size = slot.size
+    """Coordinates of ``term`` on ``blocks`` with all others held at ``x``; covariance; gain (n,) [N m]^2."""
+    layout = evidence.layout(terms)
+    size = term.size
     own = slice(start, start + size)
-    prior = 1.0 / slot.family().prior_scale(evidence.robot, slot) ** 2
+    prior = 1.0 / term.family().prior_scale(evidence.robot, term) ** 2
     a, b = np.diag(prior), x[own] * prior
     grams = []
     for j, (position, column) in enumerate(evidence.indices(layout)):
@@ -195,5 +195,5 @@ def fit_alone(
     changed = x.copy()
     changed[own] = solution
     rows = np.maximum(evidence.count[blocks].sum(axis=0), 1)
-    gain = (evidence.errors(slots, x, blocks).sum(axis=0) - evidence.errors(slots, changed, blocks).sum(axis=0)) / rows
+    gain = (evidence.errors(terms, x, blocks).sum(axis=0) - evidence.errors(terms, changed, blocks).sum(axis=0)) / rows
     return solution, np.asarray(covariance), np.asarray(gain)

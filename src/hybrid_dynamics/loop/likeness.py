@@ -8,30 +8,30 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import Evidence
 
 Array = NDArray[np.float64]
-#: Family and joint of a slot, whatever its settings.
+#: Family and joint of a term, whatever its settings.
 Place = tuple[str, int | None]
 
 #: Two effects that stand for another must together make nearly all of its torque.
 LIKENESS_OF_PAIR = 0.9
 
 
-def pairs(slot: Slot, candidates: Sequence[Slot]) -> list[tuple[Slot, Slot]]:
-    """Two effects of one coefficient each that could act together where ``slot`` acts."""
-    places: dict[Place, Slot] = {}
+def pairs(term: Term, candidates: Sequence[Term]) -> list[tuple[Term, Term]]:
+    """Two effects of one coefficient each that could act together where ``term`` acts."""
+    places: dict[Place, Term] = {}
     for c in candidates:
         single = c.family().scope == "joint" and c.family().size == 1
-        if single and (slot.joint in (None, c.joint) or slot.family().scope != "joint"):
+        if single and (term.joint in (None, c.joint) or term.family().scope != "joint"):
             places.setdefault((c.effect, c.joint), c)
     return list(combinations(places.values(), 2))
 
 
-def overlap(evidence: Evidence, slot: Slot, x: Array, *others: Slot) -> float:
-    """Share (0 to 1) of the weighted torque of ``slot`` at ``x`` that columns of ``others`` together can produce."""
-    one, two = evidence.layout([slot]), evidence.layout(others)
+def overlap(evidence: Evidence, term: Term, x: Array, *others: Term) -> float:
+    """Share (0 to 1) of the weighted torque of ``term`` at ``x`` that columns of ``others`` together can produce."""
+    one, two = evidence.layout([term]), evidence.layout(others)
     a, b = np.zeros((two.total, two.total)), np.zeros(two.total)
     energy = 0.0
     for j, ((p1, c1), (p2, c2)) in enumerate(zip(evidence.indices(one), evidence.indices(two), strict=True)):

@@ -14,7 +14,7 @@ import jsonschema
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Effect, Readings, Slot, StateTorque, family, plant, readings, split_key
+from hybrid_dynamics.effects import Effect, Readings, StateTorque, Term, family, plant, readings, split_key
 from hybrid_dynamics.effects.plant import predict_planted
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
 from hybrid_dynamics.files import json_text, write_text
@@ -99,7 +99,7 @@ class Model:
         up, down = (torque(q, dq, rigid + sign * step, ddq, still) for sign in (1, -1))
         return np.asarray((up - down) / (2 * step))
 
-    def outrun(self, dq: Array) -> list[str]:
+    def extrapolation_warnings(self, dq: Array) -> list[str]:
         """A line for every joint whose viscous terms would drive it at speeds within ``dq`` (T, n) [rad/s].
 
         They oppose the motion at all speeds the model was fitted on; beyond, a polynomial goes where it likes.
@@ -108,9 +108,9 @@ class Model:
         for j, name in enumerate(self.robot.joint_names):
             terms = [
                 (power, x)
-                for slot, own in self._places()
-                if slot.joint == j
-                for power, x in zip(slot.family().viscous_powers, own, strict=False)
+                for term, own in self._places()
+                if term.joint == j
+                for power, x in zip(term.family().viscous_powers, own, strict=False)
             ]
             speeds = np.linspace(0.0, np.abs(dq[:, j]).max(), 200)[1:]
             driven = sum((x * speeds ** (power - 1) for power, x in terms), np.zeros_like(speeds)) < -1e-9
@@ -121,10 +121,10 @@ class Model:
                 )
         return lines
 
-    def _places(self) -> list[tuple[Slot, Array]]:
-        """Slot and coordinates of every effect."""
-        placed = [(e.slot(self.robot), e) for e in self.effects]
-        return [(slot, slot.family().coordinates_of(e.parameters, self.robot, slot)) for slot, e in placed]
+    def _places(self) -> list[tuple[Term, Array]]:
+        """Term and coordinates of every effect."""
+        placed = [(e.term(self.robot), e) for e in self.effects]
+        return [(term, term.family().coordinates_of(e.parameters, self.robot, term)) for term, e in placed]
 
     def adding(self, effects: Iterable[Effect]) -> Model:
         """A model with ``effects`` appended."""
@@ -180,6 +180,10 @@ def effect_to_json(effect: Effect) -> dict[str, Any]:
     }
 
 
+#: Names in files that version 0.1 wrote.
+_OLD_SETTINGS = {"sign_travel": "sign_displacement"}
+
+
 def effect_from_json(entry: Mapping[str, Any]) -> Effect:
     """Inverse of :func:`effect_to_json`."""
     values, errors = {}, {}
@@ -188,7 +192,8 @@ def effect_from_json(entry: Mapping[str, Any]) -> Effect:
         values[key] = float(p["value"])
         if p["std_error"] is not None:
             errors[key] = float(p["std_error"])
-    return Effect(entry["effect"], tuple(entry["joints"]), values, dict(entry["settings"]), errors)
+    settings = {_OLD_SETTINGS.get(name, name): value for name, value in entry["settings"].items()}
+    return Effect(entry["effect"], tuple(entry["joints"]), values, settings, errors)
 
 
 def load_schema(name: str) -> dict[str, Any]:
@@ -266,12 +271,12 @@ def _check_physics(model: Model) -> None:
 
     A later effect may lessen an earlier one at the same place: their sum counts.
     """
-    sums: dict[Slot, Array] = {}
-    for slot, own in model._places():
-        sums[slot] = sums.get(slot, np.zeros(len(own))) + own
-    for slot, total in sums.items():
-        kind = slot.family()
-        if np.any(total < kind.lower_bounds(model.robot, slot) - 1e-9):
-            where = "the robot" if slot.joint is None else model.robot.joint_names[slot.joint]
-            shown = ", ".join(f"{k} = {v:g}" for k, v in kind.parameters_of(total, model.robot, slot).items())
-            raise InputError(f"effect {slot.effect} of {where}: {shown}; expected >= 0, all in all")
+    sums: dict[Term, Array] = {}
+    for term, own in model._places():
+        sums[term] = sums.get(term, np.zeros(len(own))) + own
+    for term, total in sums.items():
+        kind = term.family()
+        if np.any(total < kind.lower_bounds(model.robot, term) - 1e-9):
+            where = "the robot" if term.joint is None else model.robot.joint_names[term.joint]
+            shown = ", ".join(f"{k} = {v:g}" for k, v in kind.parameters_of(total, model.robot, term).items())
+            raise InputError(f"effect {term.effect} of {where}: {shown}; expected >= 0, all in all")

@@ -1,6 +1,6 @@
 """Noise floor of every joint, from the held-out residual of a rich fixed model.
 
-The rich model knows no names: all columns of all candidate slots plus smooth functions of speed, position and load,
+The rich model knows no names: all columns of all candidate terms plus smooth functions of speed, position and load,
 fitted per joint with a ridge chosen on held-out folds. Its training error is a little below the noise and its held-out
 error a little above (by the same share to first order), so the floor is their geometric mean.
 """
@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.process import Run
 
@@ -40,12 +40,12 @@ def rich_columns(run: Run, rigid: Array, joint: int) -> Array:
     return np.column_stack(parts)
 
 
-def noise_floor(evidence: Evidence, slots: Sequence[Slot] = (), x: Array | None = None) -> Array:
+def noise_floor(evidence: Evidence, terms: Sequence[Term] = (), x: Array | None = None) -> Array:
     """Noise floor (n,) [N m] of the smoothed torque over the rows where the joint moves; 0 where it never does.
 
-    With ``slots`` and their coordinates ``x`` the rich model is fitted to what they leave of the torque.
+    With ``terms`` and their coordinates ``x`` the rich model is fitted to what they leave of the torque.
     """
-    left = evidence.base_target if x is None else evidence.residuals(slots, x)
+    left = evidence.base_target if x is None else evidence.residuals(terms, x)
     out = np.zeros(evidence.n)
     for j, rows in _rich_rows(evidence, left):
         blocks = [

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.solve import Constraints
 from hybrid_dynamics.robots import Robot
 
@@ -18,18 +18,18 @@ _SPEEDS = np.linspace(0.1, 1.0, 10)
 
 
 def physical_constraints(
-    slots: Sequence[Slot], starts: Sequence[int], total: int, base: Mapping[Slot, Array], robot: Robot, fastest: Array
+    terms: Sequence[Term], starts: Sequence[int], total: int, base: Mapping[Term, Array], robot: Robot, fastest: Array
 ) -> Constraints:
-    """Constraints on the ``total`` coordinates of ``slots``, those of each beginning at ``starts``.
+    """Constraints on the ``total`` coordinates of ``terms``, those of each beginning at ``starts``.
 
     ``base`` holds the coordinates of effects that the starting model has already: they may become less, the sum must
     stay physical. ``fastest`` (n,) [rad/s] is the highest speed seen of each joint.
     """
-    lower = np.concatenate([s.family().lower_bounds(robot, s) - base.get(s, 0.0) for s in slots] or [np.zeros(0)])
+    lower = np.concatenate([s.family().lower_bounds(robot, s) - base.get(s, 0.0) for s in terms] or [np.zeros(0)])
     bodies: list[tuple[int, Array]] = []
-    for slot, start in zip(slots, starts, strict=True):
-        bodies += [(start + first, offset) for first, offset in slot.family().inertial_bodies(robot, slot)]
-    places = [(s, start) for s, start in zip(slots, starts, strict=True) if s.family().viscous_powers]
+    for term, start in zip(terms, starts, strict=True):
+        bodies += [(start + first, offset) for first, offset in term.family().inertial_bodies(robot, term)]
+    places = [(s, start) for s, start in zip(terms, starts, strict=True) if s.family().viscous_powers]
     own = [(s, x) for s, x in base.items() if s.family().viscous_powers]
     rows, least = [], []
     # Also where only the starting model is curved: less of a viscous term could let the rest drive.
@@ -37,14 +37,14 @@ def physical_constraints(
     for j in sorted(curved & {s.index for s, _ in places}):
         for speed in _SPEEDS * fastest[j]:
             row = np.zeros(total)
-            for slot, start in places:
-                if slot.joint == j:
-                    row[start : start + slot.family().size] = _per_speed(slot, speed)
+            for term, start in places:
+                if term.joint == j:
+                    row[start : start + term.family().size] = _per_speed(term, speed)
             rows.append(row)
             least.append(-sum(float(_per_speed(s, speed) @ x) for s, x in own if s.joint == j))
     return Constraints(lower, tuple(bodies), np.array(rows).reshape(len(least), total), np.array(least))
 
 
-def _per_speed(slot: Slot, speed: float) -> Array:
-    """Viscous torque at ``speed`` [rad/s], divided by it, of one unit of each coordinate of ``slot``."""
-    return np.array([speed ** (power - 1) for power in slot.family().viscous_powers])
+def _per_speed(term: Term, speed: float) -> Array:
+    """Viscous torque at ``speed`` [rad/s], divided by it, of one unit of each coordinate of ``term``."""
+    return np.array([speed ** (power - 1) for power in term.family().viscous_powers])

@@ -126,7 +126,7 @@ def predict(
             shares[name][rows] = put(low_pass(share))
         if uncertainty is not None and band is not None:
             band[rows] = put(uncertainty.standard_deviation(model, *states, piece.time, low_pass))
-        for line in model.outrun(states[1]):
+        for line in model.extrapolation_warnings(states[1]):
             if notify is not None:
                 notify(line)
     return Prediction(log.time, tau, measured, None if measured is None else smooth, shares, band)

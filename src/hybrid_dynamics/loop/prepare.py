@@ -1,4 +1,4 @@
-"""From logs to evidence: runs held out, signals processed, candidates listed, knocks left out, joints weighed."""
+"""From logs to evidence: runs held out, signals processed, candidates listed, outliers left out, joints weighed."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Slot, family
+from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop.disturbances import describe, disturbances
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor, rich_residuals
+from hybrid_dynamics.loop.outliers import describe, outlier_segments
 from hybrid_dynamics.loop.process import Run, moving_joints, process
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.trace import FEWEST_ROWS, Judge, same_place
@@ -24,7 +24,7 @@ from hybrid_dynamics.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 #: How far the filters carry a moment to either side, in periods of their cut-off.
-KNOCK_REACH = 2.0
+OUTLIER_REACH = 2.0
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,11 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
     return Logs(runs, tests, moving, notes)
 
 
-def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list[Slot], list[str]]:
+def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list[Term], list[str]]:
     """Evidence for all candidates and the judge over it; notes on what was left out."""
-    slots = candidates(base, logs.moving, settings)
-    evidence = Evidence(base, logs.train, slots, settings)
-    notes = _leave_out_knocks(evidence)
+    terms = candidates(base, logs.moving, settings)
+    evidence = Evidence(base, logs.train, terms, settings)
+    notes = _leave_out_outliers(evidence)
     torque = np.concatenate([run.tau for run in logs.train])
     least = resolution(logs.train, settings)
     seen = evidence.samples >= FEWEST_ROWS
@@ -64,7 +64,7 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     floor = np.where(seen, np.maximum(np.maximum(noise_floor(evidence), low), least), 0.0)
     evidence.weigh(floor)
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
-    return Judge(evidence, settings, floor, torque.var(axis=0), misfit), slots, notes
+    return Judge(evidence, settings, floor, torque.var(axis=0), misfit), terms, notes
 
 
 def resolution(runs: Sequence[Run], settings: LoopSettings) -> Array:
@@ -73,18 +73,18 @@ def resolution(runs: Sequence[Run], settings: LoopSettings) -> Array:
     return np.asarray(settings.resolution * np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9))
 
 
-def candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -> list[Slot]:
+def candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -> list[Term]:
     """Places effects could take; friction that ``base`` has already changes by its amount, not by its width."""
     robot, options = base.completed_robot, settings.options
-    slots = [s for name in settings.families for s in family(name).slots(robot, moving, options)]
+    terms = [s for name in settings.families for s in family(name).terms(robot, moving, options)]
     # What couples joints hides behind their own friction: it is looked for from the beginning, as bodies are.
     for name in settings.further:
         if family(name).scope == "joint":
-            slots += [s for s in family(name).slots(robot, moving, options) if family(name).is_wide(s)]
-    own = [effect.slot(base.robot) for effect in base.effects]
+            terms += [s for s in family(name).terms(robot, moving, options) if family(name).is_wide(s)]
+    own = [effect.term(base.robot) for effect in base.effects]
     own = [s for s in dict.fromkeys(own) if s.family().scope == "joint" and s.joint is not None and moving[s.joint]]
     return [
-        *(s for s in slots if not any(same_place(s, o) for o in own)),
+        *(s for s in terms if not any(same_place(s, o) for o in own)),
         *(o for o in own if o.effect in settings.families),
     ]
 
@@ -115,13 +115,13 @@ def hold_out(
     return train, test, notes
 
 
-def _leave_out_knocks(evidence: Evidence) -> list[str]:
+def _leave_out_outliers(evidence: Evidence) -> list[str]:
     """Let moments that are no property of the robot count no more; one line for each."""
     found = [
         d
         for r, residual in enumerate(rich_residuals(evidence))
-        for d in disturbances(
-            r, evidence.runs[r].time, residual, evidence.mask[r], KNOCK_REACH / evidence.runs[r].cutoff
+        for d in outlier_segments(
+            r, evidence.runs[r].time, residual, evidence.mask[r], OUTLIER_REACH / evidence.runs[r].cutoff
         )
     ]
     for d in found:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.evidence import Held
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
@@ -24,17 +24,17 @@ FEWEST_COMMON = 3
 MOST_LOSS = 0.1
 
 
-def from_everything(judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None]) -> list[Step]:
+def from_everything(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None]) -> list[Step]:
     """Steps from all joint-wise effects of one coefficient, over the bodies they leave room for, to what is needed.
 
     Empty where nothing acts on a single joint. Ends: bodies are only added, at most each once; then effects are only
     dropped.
     """
     evidence, settings = judge.evidence, judge.settings
-    places: dict[tuple[str, int | None], Slot] = {}
-    for slot in candidates:
-        if slot.family().scope == "joint" and slot.family().everywhere:
-            places.setdefault((slot.effect, slot.joint), slot)
+    places: dict[tuple[str, int | None], Term] = {}
+    for term in candidates:
+        if term.family().scope == "joint" and term.family().everywhere:
+            places.setdefault((term.effect, term.joint), term)
     if not places:
         return []
     current = list(places.values())
@@ -48,10 +48,10 @@ def from_everything(judge: Judge, candidates: Sequence[Slot], report: Callable[[
         choice = next((c for c in table if c.accepted), None)
         if choice is None:
             break
-        current = [s for s in current if not covers(choice.slot, s)] + [choice.slot]
-        wide = [c for c in wide if not same_place(c, choice.slot)]
+        current = [s for s in current if not covers(choice.term, s)] + [choice.term]
+        wide = [c for c in wide if not same_place(c, choice.term)]
         refit(evidence, current)
-        steps.append(step_of(judge, "add", choice.slot, current, table))
+        steps.append(step_of(judge, "add", choice.term, current, table))
         report(steps[-1])
     current = better_settings(judge, current, candidates)
     while True:
@@ -69,13 +69,13 @@ def from_everything(judge: Judge, candidates: Sequence[Slot], report: Callable[[
             break
         current = rest
         refit(evidence, current)
-        for slot in bunch:
-            steps.append(step_of(judge, "drop", slot, current))
+        for term in bunch:
+            steps.append(step_of(judge, "drop", term, current))
             report(steps[-1])
     return steps
 
 
-def choose(judge: Judge, ends: Sequence[Sequence[Slot]]) -> list[Slot]:
+def choose(judge: Judge, ends: Sequence[Sequence[Term]]) -> list[Term]:
     """The best of several ends by held-out error; of those as good, the one of the lowest price."""
     held = [_held(judge, end) for end in ends]
     best = min(range(len(ends)), key=lambda k: held[k].score)
@@ -95,8 +95,8 @@ def choose(judge: Judge, ends: Sequence[Sequence[Slot]]) -> list[Slot]:
 
 
 def keep_sure(
-    judge: Judge, current: Sequence[Slot], looked: int, report: Callable[[Step], None]
-) -> tuple[list[Slot], dict[Slot, Gain], list[Step]]:
+    judge: Judge, current: Sequence[Term], looked: int, report: Callable[[Step], None]
+) -> tuple[list[Term], dict[Term, Gain], list[Step]]:
     """Drop, least sure first, what does not exceed the level that ``looked`` candidates ask for; returns what stays
     with its gain in the final model.
 
@@ -111,20 +111,20 @@ def keep_sure(
     while True:
         gains = losses(judge, kept, noise)
         weak = []
-        for slot, gain in gains.items():
-            level = judge.level(evidence.n if slot.effect in common else looked, gain.blocks)
+        for term, gain in gains.items():
+            level = judge.level(evidence.n if term.effect in common else looked, gain.blocks)
             if not gain.surer_than(level):
-                weak.append((gain.total / max(gain.error * level, 1e-300), slot))
+                weak.append((gain.total / max(gain.error * level, 1e-300), term))
         if not weak:
             return kept, gains, steps
-        _, slot = min(weak, key=lambda item: (item[0], repr(item[1])))
-        kept.remove(slot)
+        _, term = min(weak, key=lambda item: (item[0], repr(item[1])))
+        kept.remove(term)
         refit(evidence, kept)
-        steps.append(step_of(judge, "drop", slot, kept))
+        steps.append(step_of(judge, "drop", term, kept))
         report(steps[-1])
 
 
-def complete(judge: Judge, chosen: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
+def complete(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
     """``chosen`` with common families on their remaining joints too, where the data says so.
 
     What surely sits on most joints is one cause: on each other joint its parameter must exceed its own standard error
@@ -151,7 +151,7 @@ def complete(judge: Judge, chosen: Sequence[Slot], candidates: Sequence[Slot]) -
     return out
 
 
-def losses(judge: Judge, current: Sequence[Slot], noise: Held | None = None) -> dict[Slot, Gain]:
+def losses(judge: Judge, current: Sequence[Term], noise: Held | None = None) -> dict[Term, Gain]:
     """What each effect is worth in the model of all of them; uncertainty from what ``noise`` leaves, or they do."""
     full = judge.evidence.held(current, physical=True)
     return {
@@ -159,12 +159,12 @@ def losses(judge: Judge, current: Sequence[Slot], noise: Held | None = None) -> 
     }
 
 
-def _common(judge: Judge, gains: dict[Slot, Gain], looked: int) -> set[str]:
+def _common(judge: Judge, gains: dict[Term, Gain], looked: int) -> set[str]:
     """Families that are surely there on most moving joints: one cause, so the other joints need only be sure for it."""
     sure: Counter[str] = Counter()
-    for slot, gain in gains.items():
-        if slot.joint is not None and gain.surer_than(judge.level(looked, gain.blocks)):
-            sure[slot.effect] += 1
+    for term, gain in gains.items():
+        if term.joint is not None and gain.surer_than(judge.level(looked, gain.blocks)):
+            sure[term.effect] += 1
     moving = int((judge.evidence.samples >= FEWEST_ROWS).sum())
     return _on_most(sure, moving)
 
@@ -174,16 +174,16 @@ def _on_most(sits: Counter[str], moving: int) -> set[str]:
     return {name for name, count in sits.items() if count >= max(FEWEST_COMMON, (moving + 1) // 2)}
 
 
-def _idle(judge: Judge, current: Sequence[Slot], share: float) -> list[tuple[float, Slot]]:
+def _idle(judge: Judge, current: Sequence[Term], share: float) -> list[tuple[float, Term]]:
     """Effects without which the held-out error hardly grows, least needed first."""
     idle = []
-    for slot, loss in losses(judge, current).items():
-        if not (loss.surer_than(1.0) and judge.matters(slot, loss.per_joint, share, loss.surer_than(DECISIVE))):
-            idle.append((loss.total, slot))
+    for term, loss in losses(judge, current).items():
+        if not (loss.surer_than(1.0) and judge.matters(term, loss.per_joint, share, loss.surer_than(DECISIVE))):
+            idle.append((loss.total, term))
     return sorted(idle, key=lambda item: (item[0], repr(item[1])))
 
 
-def _held(judge: Judge, slots: Sequence[Slot]) -> Held:
-    """Held-out prediction with the linearisation at these slots."""
-    refit(judge.evidence, slots)
-    return judge.evidence.held(slots, physical=True)
+def _held(judge: Judge, terms: Sequence[Term]) -> Held:
+    """Held-out prediction with the linearisation at these terms."""
+    refit(judge.evidence, terms)
+    return judge.evidence.held(terms, physical=True)

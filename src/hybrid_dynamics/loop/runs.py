@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Slot
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import ONLY_RUN
 from hybrid_dynamics.loop.identifiability import fit_alone
 from hybrid_dynamics.loop.search import Step, search
@@ -27,22 +27,22 @@ DECISIVE = 0.5
 SURE = 3.0
 
 
-def parts_of(slot: Slot, names: Sequence[str]) -> list[Slot]:
-    """``slot`` once for every run."""
-    return [replace(slot, settings=(*slot.settings, (ONLY_RUN, name))) for name in names]
+def parts_of(term: Term, names: Sequence[str]) -> list[Term]:
+    """``term`` once for every run."""
+    return [replace(term, settings=(*term.settings, (ONLY_RUN, name))) for name in names]
 
 
-def whole_of(slots: Sequence[Slot]) -> list[Slot]:
-    """What those of ``slots`` that act in one run only are parts of."""
-    return list(dict.fromkeys(_whole(s) for s in slots if _whole(s) != s))
+def whole_of(terms: Sequence[Term]) -> list[Term]:
+    """What those of ``terms`` that act in one run only are parts of."""
+    return list(dict.fromkeys(_whole(s) for s in terms if _whole(s) != s))
 
 
-def _whole(slot: Slot) -> Slot:
-    return replace(slot, settings=tuple(s for s in slot.settings if s[0] != ONLY_RUN))
+def _whole(term: Term) -> Term:
+    return replace(term, settings=tuple(s for s in term.settings if s[0] != ONLY_RUN))
 
 
 def split_by_run(
-    judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], report: Callable[[Step], None]
+    judge: Judge, current: Sequence[Term], candidates: Sequence[Term], report: Callable[[Step], None]
 ) -> list[Step]:
     """Steps of a search that starts from a whole-robot effect fitted per run; empty where that is not called for."""
     evidence = judge.evidence
@@ -52,16 +52,16 @@ def split_by_run(
     names = [run.name for run in evidence.runs]
     joint_wise = [s for s in current if s.family().scope == "joint"]
     samples = float(evidence.samples[evidence.samples >= FEWEST_ROWS].sum())
-    best: tuple[float, list[Slot]] | None = None
-    for slot in candidates:
-        if slot.family().scope != "robot":
+    best: tuple[float, list[Term]] | None = None
+    for term in candidates:
+        if term.family().scope != "robot":
             continue
-        parts = parts_of(slot, names)
-        evidence.add_slots(parts)
-        others = [s for s in current if not same_place(s, slot)]
+        parts = parts_of(term, names)
+        evidence.add_terms(parts)
+        others = [s for s in current if not same_place(s, term)]
         for rest in ([], joint_wise, others):
             trial = evidence.held([*parts, *rest])
-            pooled = evidence.held([slot, *rest])
+            pooled = evidence.held([term, *rest])
             for rival in (evidence.held(current), pooled):
                 gain = judge.gain(trial, rival)
                 if gain.total <= DECISIVE * max(rival.score - samples, 0.0) or not gain.surer_than(SURE):
@@ -72,24 +72,24 @@ def split_by_run(
     return [] if best is None else search(judge, candidates, report, best[1])
 
 
-def pool(judge: Judge, slots: Sequence[Slot]) -> tuple[list[Slot], Array]:
-    """Slots with the parts of an effect merged, and coordinates: the others keep theirs, the merged one is refitted."""
+def pool(judge: Judge, terms: Sequence[Term]) -> tuple[list[Term], Array]:
+    """Terms with the parts of an effect merged, and coordinates: the others keep theirs, the merged one is refitted."""
     evidence = judge.evidence
-    x = evidence.fit(slots)
-    layout = evidence.layout(slots)
-    merged: list[Slot] = []
+    x = evidence.fit(terms)
+    layout = evidence.layout(terms)
+    merged: list[Term] = []
     values: list[Array] = []
-    for slot, start in zip(layout.slots, layout.starts, strict=True):
-        whole = _whole(slot)
+    for term, start in zip(layout.terms, layout.starts, strict=True):
+        whole = _whole(term)
         if whole in merged:
             continue
         merged.append(whole)
-        values.append(x[start : start + slot.size])
-    evidence.add_slots(merged)
+        values.append(x[start : start + term.size])
+    evidence.add_terms(merged)
     out = np.concatenate(values)
     everything = np.ones(len(evidence.block_rows), bool)
-    for slot in whole_of(slots):
-        start = evidence.layout(merged).starts[merged.index(slot)]
-        solution, _, _ = fit_alone(evidence, merged, out, slot, start, everything)
-        out[start : start + slot.size] = solution
+    for term in whole_of(terms):
+        start = evidence.layout(merged).starts[merged.index(term)]
+        solution, _, _ = fit_alone(evidence, merged, out, term, start, everything)
+        out[start : start + term.size] = solution
     return merged, out

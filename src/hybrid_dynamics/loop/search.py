@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.effects import Slot
-from hybrid_dynamics.effects.sign import sign_part, travel_settings, with_sign
+from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_sign
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, overlap, pairs
@@ -34,43 +34,43 @@ MOST_RIVALS = 10
 
 @dataclass(frozen=True)
 class Step:
-    """One change of the model: ``action`` is add, drop, replace or stop; ``slots`` the model's after it."""
+    """One change of the model: ``action`` is add, drop, replace or stop; ``terms`` the model's after it."""
 
     action: str
-    slot: Slot | None
-    slots: tuple[Slot, ...]
+    term: Term | None
+    terms: tuple[Term, ...]
     table: tuple[Candidate, ...]
     held_out: tuple[float, ...]
 
 
 def step_of(
-    judge: Judge, action: str, slot: Slot | None, current: Sequence[Slot], table: Sequence[Candidate] = ()
+    judge: Judge, action: str, term: Term | None, current: Sequence[Term], table: Sequence[Candidate] = ()
 ) -> Step:
-    """The step after which the model has the slots ``current``, with its held-out rms per joint [N m]."""
+    """The step after which the model has the terms ``current``, with its held-out rms per joint [N m]."""
     rms = np.sqrt(judge.mean_square(judge.evidence.held(current, physical=True)))
-    return Step(action, slot, tuple(current), tuple(table), tuple(float(v) for v in rms))
+    return Step(action, term, tuple(current), tuple(table), tuple(float(v) for v in rms))
 
 
 def search(
-    judge: Judge, candidates: Sequence[Slot], report: Callable[[Step], None], start: Sequence[Slot] = ()
+    judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None], start: Sequence[Term] = ()
 ) -> list[Step]:
     """Stepwise search, forward and backward, with replacements, from ``start``; returns the steps taken."""
     evidence, settings = judge.evidence, judge.settings
-    current: list[Slot] = list(start)
+    current: list[Term] = list(start)
     steps: list[Step] = []
-    seen: set[frozenset[Slot]] = {frozenset(current)}
-    dropped: Counter[Slot] = Counter()
+    seen: set[frozenset[Term]] = {frozenset(current)}
+    dropped: Counter[Term] = Counter()
     replacements = 0
 
-    def record(action: str, slot: Slot | None, table: Sequence[Candidate] = ()) -> None:
-        steps.append(step_of(judge, action, slot, current, table))
+    def record(action: str, term: Term | None, table: Sequence[Candidate] = ()) -> None:
+        steps.append(step_of(judge, action, term, current, table))
         report(steps[-1])
 
     while True:
         before = evidence.held(current, physical=True)
         table = rank(judge, current, [c for c in candidates if dropped[c] < MOST_DROPS], before)
         room = len(current) < settings.max_effects
-        choice = next((c for c in table if room and c.accepted and frozenset([*current, c.slot]) not in seen), None)
+        choice = next((c for c in table if room and c.accepted and frozenset([*current, c.term]) not in seen), None)
         if choice is None:
             replaced = None
             if replacements < MOST_REPLACEMENTS:
@@ -86,11 +86,11 @@ def search(
             refit(evidence, current, everything=True)
             record("replace", None, table)
         else:
-            current[:] = [s for s in current if not covers(choice.slot, s)]
-            current.append(choice.slot)
+            current[:] = [s for s in current if not covers(choice.term, s)]
+            current.append(choice.term)
             seen.add(frozenset(current))
             refit(evidence, current, everything=True)
-            record("add", choice.slot, table)
+            record("add", choice.term, table)
         current[:] = better_settings(judge, current, candidates)
         while (useless := _useless(judge, current)) is not None:
             current.remove(useless)
@@ -101,15 +101,15 @@ def search(
     return steps
 
 
-def better_settings(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot]) -> list[Slot]:
+def better_settings(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
     """Choose again among the settings of each effect (the width of a sign, say)."""
     best = list(current)
     score = judge.evidence.held(best).score
-    for i, slot in enumerate(current):
-        if ONLY_RUN in dict(slot.settings):
+    for i, term in enumerate(current):
+        if ONLY_RUN in dict(term.settings):
             continue
         for other in candidates:
-            if other != slot and same_place(other, slot):
+            if other != term and same_place(other, term):
                 trial = [*best[:i], other, *best[i + 1 :]]
                 value = judge.evidence.held(trial).score
                 if value < score:
@@ -117,7 +117,7 @@ def better_settings(judge: Judge, current: Sequence[Slot], candidates: Sequence[
     return best
 
 
-def choose_signs(judge: Judge, current: Sequence[Slot]) -> list[Slot]:
+def choose_signs(judge: Judge, current: Sequence[Term]) -> list[Term]:
     """Friction whose sign turns over, joint by joint, as predicts standing rows best, where moving rows leave it open.
 
     What a joint does below the slow speed has no say in what is named; but of two settings that are as good above it
@@ -125,16 +125,16 @@ def choose_signs(judge: Judge, current: Sequence[Slot]) -> list[Slot]:
     """
     evidence = judge.evidence
     turning = [s for s in current if s.family().turns_sign and not evidence.in_base(s)]
-    evidence.add_slots(
+    evidence.add_terms(
         [
             replace(s, settings=with_sign(s.settings, way))
             for s in turning
-            for way in travel_settings(judge.settings.sign_travels)
+            for way in displacement_settings(judge.settings.sign_displacements)
         ]
     )
     best = list(current)
     refit(evidence, best)
-    ways = sorted({sign_part(s.settings) for s in evidence.slots if s.family().turns_sign})
+    ways = sorted({sign_part(s.settings) for s in evidence.terms if s.family().turns_sign})
     for joint in sorted({s.index for s in turning}):
         own = [i for i, s in enumerate(best) if s.joint == joint and s in turning]
         reference = evidence.held(best)
@@ -153,29 +153,29 @@ def choose_signs(judge: Judge, current: Sequence[Slot]) -> list[Slot]:
     return best
 
 
-def _useless(judge: Judge, current: Sequence[Slot]) -> Slot | None:
+def _useless(judge: Judge, current: Sequence[Term]) -> Term | None:
     """The effect that others explain by now, if any: without it held-out error hardly grows."""
     if len(current) < 2:
         return None
     evidence, settings = judge.evidence, judge.settings
-    pressed = evidence.constrained(current)
-    full = evidence.held(current, pressed)
-    worst: tuple[float, Slot] | None = None
-    for slot in current:
-        rest = [s for s in current if s != slot]
-        both = pressed or evidence.constrained(rest)
+    active = evidence.constrained(current)
+    full = evidence.held(current, active)
+    worst: tuple[float, Term] | None = None
+    for term in current:
+        rest = [s for s in current if s != term]
+        both = active or evidence.constrained(rest)
         loss = judge.gain(evidence.held(current, both) if both else full, evidence.held(rest, both))
         needed = loss.surer_than(1.0) and judge.matters(
-            slot, loss.per_joint, settings.keep_share, loss.surer_than(DECISIVE)
+            term, loss.per_joint, settings.keep_share, loss.surer_than(DECISIVE)
         )
         if not needed and (worst is None or loss.total < worst[0]):
-            worst = (loss.total, slot)
+            worst = (loss.total, term)
     return None if worst is None else worst[1]
 
 
 def _replace(
-    judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Held, seen: set[frozenset[Slot]]
-) -> list[Slot] | None:
+    judge: Judge, current: Sequence[Term], candidates: Sequence[Term], before: Held, seen: set[frozenset[Term]]
+) -> list[Term] | None:
     """One or two effects replaced by another candidate: surely better, or as good and simpler.
 
     A newcomer must surely explain something itself: by being simpler alone nothing gets in.
@@ -184,19 +184,19 @@ def _replace(
     evidence = judge.evidence
     free = evidence.held(current)
     layout, x = evidence.layout(current), evidence.fit(current)
-    torque_of = {s: x[start : start + s.size] for s, start in zip(layout.slots, layout.starts, strict=True)}
-    groups: list[tuple[Slot, ...]] = [(s,) for s in current]
+    torque_of = {s: x[start : start + s.size] for s, start in zip(layout.terms, layout.starts, strict=True)}
+    groups: list[tuple[Term, ...]] = [(s,) for s in current]
     if len(current) <= 8:
         groups += [(a, b) for i, a in enumerate(current) for b in current[i + 1 :]]
-    best: tuple[float, list[Slot]] | None = None
+    best: tuple[float, list[Term]] | None = None
     for group in groups:
         rest = [s for s in current if s not in group]
         price = judge.price(*group)
-        for slot in _rivals(judge, group, rest, candidates, torque_of):
-            trial = [*rest, slot]
+        for term in _rivals(judge, group, rest, candidates, torque_of):
+            trial = [*rest, term]
             if frozenset(trial) in seen:
                 continue
-            simpler = judge.price(slot) < price
+            simpler = judge.price(term) < price
             screened = evidence.held(trial)
             # Most trials are far worse: that needs no uncertainty.
             if screened.score > 1.5 * free.score or not _better(judge, judge.gain(screened, free), simpler):
@@ -213,26 +213,26 @@ def _replace(
 
 def _rivals(
     judge: Judge,
-    group: Sequence[Slot],
-    rest: Sequence[Slot],
-    candidates: Sequence[Slot],
-    torque_of: Mapping[Slot, Array],
-) -> list[Slot]:
+    group: Sequence[Term],
+    rest: Sequence[Term],
+    candidates: Sequence[Term],
+    torque_of: Mapping[Term, Array],
+) -> list[Term]:
     """Of ``candidates`` those that can make most of the torque of one of ``group``, the likest of each place."""
-    likest: dict[tuple[Any, ...], tuple[float, Slot]] = {}
-    for slot in candidates:
-        if any(same_place(slot, s) for s in (*rest, *group)) or any(covers(s, slot) for s in rest):
+    likest: dict[tuple[Any, ...], tuple[float, Term]] = {}
+    for term in candidates:
+        if any(same_place(term, s) for s in (*rest, *group)) or any(covers(s, term) for s in rest):
             continue
-        share = max(overlap(judge.evidence, s, torque_of[s], slot) for s in group)
-        if share >= LIKENESS_OF_RIVAL and share > likest.get(slot.place, (0.0, slot))[0]:
-            likest[slot.place] = share, slot
+        share = max(overlap(judge.evidence, s, torque_of[s], term) for s in group)
+        if share >= LIKENESS_OF_RIVAL and share > likest.get(term.place, (0.0, term))[0]:
+            likest[term.place] = share, term
     order = sorted(likest.values(), key=lambda item: (-item[0], repr(item[1])))
-    return [slot for _, slot in order[:MOST_RIVALS]]
+    return [term for _, term in order[:MOST_RIVALS]]
 
 
 def _lighter(
-    judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Held, seen: set[frozenset[Slot]]
-) -> list[Slot] | None:
+    judge: Judge, current: Sequence[Term], candidates: Sequence[Term], before: Held, seen: set[frozenset[Term]]
+) -> list[Term] | None:
     """A body replaced by two effects of one coefficient each that explain as much.
 
     A body found first takes what several simple effects have in common; without this they would never be looked at,
@@ -242,15 +242,15 @@ def _lighter(
     layout = evidence.layout(current)
     x = evidence.fit(current)
     free = [c for c in candidates if not any(same_place(c, s) for s in current)]
-    best: tuple[float, list[Slot]] | None = None
-    for slot, start in zip(layout.slots, layout.starts, strict=True):
-        size = slot.size
-        if not slot.family().is_body or size <= 2 or ONLY_RUN in dict(slot.settings):
+    best: tuple[float, list[Term]] | None = None
+    for term, start in zip(layout.terms, layout.starts, strict=True):
+        size = term.size
+        if not term.family().is_body or size <= 2 or ONLY_RUN in dict(term.settings):
             continue
-        rest = [s for s in current if s != slot]
-        for pair in pairs(slot, free):
+        rest = [s for s in current if s != term]
+        for pair in pairs(term, free):
             trial = [*rest, *pair]
-            if frozenset(trial) in seen or overlap(evidence, slot, x[start : start + size], *pair) < LIKENESS_OF_PAIR:
+            if frozenset(trial) in seen or overlap(evidence, term, x[start : start + size], *pair) < LIKENESS_OF_PAIR:
                 continue
             held = evidence.held(trial, physical=True)
             if judge.as_good(held, before) and (best is None or held.score < best[0]):

@@ -13,7 +13,7 @@ from hybrid_dynamics.loop.process import ProcessSettings
 @dataclass(frozen=True)
 class LoopSettings:
     """``effects``: families that may be named (all registered ones where empty). ``sign_widths`` [rad/s] and
-    ``sign_travels`` [rad] over which the sign of friction may turn over.
+    ``sign_displacements`` [rad] over which the sign of friction may turn over.
 
     An effect is looked at when it gains ``gain_in_errors`` standard errors on held-out blocks of ``block`` [s] or more
     and lowers the mean square residual of a joint by ``floor_share`` squared noise floors and by ``torque_share`` of
@@ -32,7 +32,7 @@ class LoopSettings:
 
     effects: tuple[str, ...] = ()
     sign_widths: tuple[float, ...] = (0.0, 0.01, 0.03, 0.08)
-    sign_travels: tuple[float, ...] = (1e-4, 3e-4, 1e-3)
+    sign_displacements: tuple[float, ...] = (1e-4, 3e-4, 1e-3)
     block: float = 0.5
     time_folds: int = 6
     gain_in_errors: float = 2.0
@@ -57,7 +57,10 @@ class LoopSettings:
         require(len(set(self.effects)) == len(self.effects), f"effects is {list(self.effects)}; name each only once")
         require(len(self.sign_widths) > 0, "sign_widths is empty; expected at least one width, 0 for a sharp sign")
         require(min(self.sign_widths) >= 0, f"sign_widths is {self.sign_widths}; expected widths >= 0 rad/s")
-        require(all(s > 0 for s in self.sign_travels), f"sign_travels is {self.sign_travels}; expected travels > 0 rad")
+        require(
+            all(s > 0 for s in self.sign_displacements),
+            f"sign_displacements is {self.sign_displacements}; expected displacements > 0 rad",
+        )
         for name, low, high in (
             ("block", 0.05, 60.0),
             ("time_folds", 2, 20),
@@ -91,5 +94,5 @@ class LoopSettings:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What families may look up when they list their slots."""
+        """What families may look up when they list their terms."""
         return {k: v for k, v in asdict(self).items() if k != "process"}

@@ -1,6 +1,6 @@
 """From what the model leaves to the next named cause: candidates compete on held-out runs.
 
-One step ranks all candidate slots by the held-out error of a joint re-fit of the model with that slot. Among those
+One step ranks all candidate terms by the held-out error of a joint re-fit of the model with that term. Among those
 within one standard error of the best, or worse by nothing that matters, the simplest wins (Breiman et al. 1984); it is
 accepted when its gain is certain and large enough to matter.
 """
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from hybrid_dynamics.effects import Slot
-from hybrid_dynamics.loop.evidence import Evidence, Held, slot_order
+from hybrid_dynamics.effects import Term
+from hybrid_dynamics.loop.evidence import Evidence, Held, term_order
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.settings import LoopSettings
 
@@ -29,7 +29,7 @@ class Candidate:
     ``gain`` and its standard error ``gain_error`` in the same unit; ``joint_gain`` (n,) [N m]^2 per joint.
     """
 
-    slot: Slot
+    term: Term
     score: float
     gain: float
     gain_error: float
@@ -48,8 +48,8 @@ WHOLE_BODY, WHOLE_BODY_PRICE = "inertial_parameters", 30
 DECISIVE = 3.0
 
 
-def same_place(a: Slot, b: Slot) -> bool:
-    """True where two slots are the same effect on the same joint, whatever their settings."""
+def same_place(a: Term, b: Term) -> bool:
+    """True where two terms are the same effect on the same joint, whatever their settings."""
     return a.place == b.place
 
 
@@ -113,32 +113,32 @@ class Judge:
         share = self.settings.significance / max(candidates, 1)
         return float(student.ppf(1.0 - share, max(blocks - 1, 1)))
 
-    def price(self, *slots: Slot) -> float:
+    def price(self, *terms: Term) -> float:
         """Price of effects where two explanations are as good: their published numbers, fewer causes first.
 
         The whole arm's inertial parameters are one cause that costs as much as a few bodies.
         """
-        numbers = [len(s.family().published(s.options)) for s in slots]
-        return sum(min(count, WHOLE_BODY_PRICE) for count in numbers) + 0.1 * len(slots)
+        numbers = [len(s.family().published(s.options)) for s in terms]
+        return sum(min(count, WHOLE_BODY_PRICE) for count in numbers) + 0.1 * len(terms)
 
     def _bar(self, share: float) -> Array:
         """Mean square (n,) [N m]^2 below which a change is of no practical size."""
         size = np.maximum(share * self.floor**2, self.settings.torque_share * self.torque_variance)
         return np.maximum(size, self.misfit**2)
 
-    def needed(self, slot: Slot) -> int:
+    def needed(self, term: Term) -> int:
         """On how many joints an effect must show: a whole-robot effect seen on one joint is a proxy for a local one."""
-        if slot.family().scope != "robot":
+        if term.family().scope != "robot":
             return 1
         return max(min(2, int((self.evidence.samples >= FEWEST_ROWS).sum())), 1)
 
-    def matters(self, slot: Slot, joint_gain: Array, share: float, decisive: bool = False) -> bool:
+    def matters(self, term: Term, joint_gain: Array, share: float, decisive: bool = False) -> bool:
         """True where the gain (n,) [N m]^2 is of practical size on enough of the joints on which the effect acts.
 
         A gain elsewhere comes from what the effect allows the others to do: a proxy, unless it is ``decisive``.
         """
-        counted = np.ones(self.evidence.n, bool) if decisive else self.evidence.acts(slot)
-        return int(np.sum((joint_gain > self._bar(share)) & counted)) >= self.needed(slot)
+        counted = np.ones(self.evidence.n, bool) if decisive else self.evidence.acts(term)
+        return int(np.sum((joint_gain > self._bar(share)) & counted)) >= self.needed(term)
 
 
 def block_error(sums: Array, owner: NDArray[np.int_]) -> tuple[float, int]:
@@ -160,38 +160,38 @@ def block_error(sums: Array, owner: NDArray[np.int_]) -> tuple[float, int]:
         parts = merged
 
 
-def rank(judge: Judge, current: Sequence[Slot], candidates: Sequence[Slot], before: Held) -> list[Candidate]:
-    """Evidence table of one step, best first. ``before``: held-out prediction of the current slots.
+def rank(judge: Judge, current: Sequence[Term], candidates: Sequence[Term], before: Held) -> list[Candidate]:
+    """Evidence table of one step, best first. ``before``: held-out prediction of the current terms.
 
     All fits are held physical, so that what cannot exist never wins.
     """
     evidence = judge.evidence
-    pressed = evidence.constrained(current)
+    active = evidence.constrained(current)
     free = [c for c in candidates if not any(same_place(c, o) or covers(o, c) for o in current)]
-    if pressed:
+    if active:
         # Every physical fit takes a while then: the best under bounds alone are looked at.
         screened = {c: evidence.held(_joined(current, c)).score for c in free}
-        free = sorted(free, key=lambda c: (screened[c], slot_order(c)))[: 2 * TABLE_ROWS]
+        free = sorted(free, key=lambda c: (screened[c], term_order(c)))[: 2 * TABLE_ROWS]
     held = {c: evidence.held(_joined(current, c), physical=True) for c in free}
-    order = sorted(held, key=lambda s: (held[s].score, s.size, slot_order(s)))[:TABLE_ROWS]
+    order = sorted(held, key=lambda s: (held[s].score, s.size, term_order(s)))[:TABLE_ROWS]
     rows = {s: _judged(judge, s, before, held[s]) for s in order}
     # Of those that may be named the best, and of its rivals the simplest; without any, the same of all.
     pool = [s for s in order if rows[s].accepted] or order
     if not pool:
         return []
     rivals = [s for s in pool if judge.as_good(held[s], held[pool[0]])]
-    chosen = min(rivals, key=lambda s: (judge.price(s), held[s].score, slot_order(s)))
+    chosen = min(rivals, key=lambda s: (judge.price(s), held[s].score, term_order(s)))
     return [rows[chosen], *(rows[s] for s in order if s != chosen)]
 
 
-def _judged(judge: Judge, slot: Slot, before: Held, after: Held) -> Candidate:
-    """The row of ``slot`` in the evidence table, from held-out predictions without and with it."""
+def _judged(judge: Judge, term: Term, before: Held, after: Held) -> Candidate:
+    """The row of ``term`` in the evidence table, from held-out predictions without and with it."""
     total = float(judge.evidence.samples[judge.evidence.samples >= FEWEST_ROWS].sum()) or 1.0
     gain = judge.gain(after, before)
     certain = gain.surer_than(judge.settings.gain_in_errors)
-    accepted = certain and judge.matters(slot, gain.per_joint, judge.settings.floor_share, gain.surer_than(DECISIVE))
+    accepted = certain and judge.matters(term, gain.per_joint, judge.settings.floor_share, gain.surer_than(DECISIVE))
     return Candidate(
-        slot,
+        term,
         after.score / total,
         gain.total / total,
         gain.error / total,
@@ -201,13 +201,13 @@ def _judged(judge: Judge, slot: Slot, before: Held, after: Held) -> Candidate:
     )
 
 
-def covers(general: Slot, special: Slot) -> bool:
+def covers(general: Term, special: Term) -> bool:
     """True where ``general`` contains ``special`` as a special case: all links' inertias contain any one body."""
     if special.effect in general.family().contains:
         return general.joint == special.joint
     return general.effect == WHOLE_BODY and special.effect != WHOLE_BODY and special.family().is_body
 
 
-def _joined(current: Sequence[Slot], slot: Slot) -> list[Slot]:
-    """``current`` with ``slot`` in the place of what it contains."""
-    return [*(s for s in current if not covers(slot, s)), slot]
+def _joined(current: Sequence[Term], term: Term) -> list[Term]:
+    """``current`` with ``term`` in the place of what it contains."""
+    return [*(s for s in current if not covers(term, s)), term]

@@ -163,19 +163,19 @@ def _steps(result: LoopResult, names: Sequence[str]) -> list[SearchStep]:
     for step in result.steps:
         candidates = tuple(
             Candidate(
-                effect=c.slot.effect,
-                joint="" if c.slot.joint is None else names[c.slot.joint],
-                settings=", ".join(f"{key} = {_shown(value)}" for key, value in c.slot.settings),
+                effect=c.term.effect,
+                joint="" if c.term.joint is None else names[c.term.joint],
+                settings=", ".join(f"{key} = {_shown(value)}" for key, value in c.term.settings),
                 score=_round(c.score),
                 gain=_round(c.gain),
                 gain_error=_round(c.gain_error),
-                added=step.action == "add" and c.slot == step.slot,
+                added=step.action == "add" and c.term == step.term,
                 why=c.reason,
             )
             for c in step.table
         )
-        place = "" if step.slot is None or step.slot.joint is None else names[step.slot.joint]
-        out.append(SearchStep(step.action, "" if step.slot is None else step.slot.effect, place, candidates))
+        place = "" if step.term is None or step.term.joint is None else names[step.term.joint]
+        out.append(SearchStep(step.action, "" if step.term is None else step.term.effect, place, candidates))
     return out
 
 

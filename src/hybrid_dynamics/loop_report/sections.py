@@ -186,7 +186,7 @@ class Effects(LoopSection):
                     "change": _change(entry),
                     "why_not": entry.get("why_not", ""),
                     "alike": [_alike(other) for other in entry["indistinguishable_from"]],
-                    "torn": [_torn(item) for item in entry.get("inconsistent_between_runs", [])],
+                    "inconsistent": [_inconsistent(item) for item in entry.get("inconsistent_between_runs", [])],
                 }
             )
         return {
@@ -224,7 +224,7 @@ def _alike(other: Mapping[str, Any]) -> dict[str, str]:
     return {"names": names, "why": words.capital(other["why"]), "tell": words.capital(other["motion_that_would_tell"])}
 
 
-def _torn(item: Mapping[str, Any]) -> str:
+def _inconsistent(item: Mapping[str, Any]) -> str:
     runs = "; ".join(f"{r['run']}: {words.with_error(r['value'], r['std_error'], item['unit'])}" for r in item["runs"])
     return f"{item['parameter']} differs between runs: {runs}"
 

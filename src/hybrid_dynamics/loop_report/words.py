@@ -168,9 +168,9 @@ def certainty(d: Diagnosis) -> list[str]:
         )
         more = f"; and {len(alike) - 3} more" if len(alike) > 3 else ""
         out.append(f"These runs cannot tell {pairs}{more}.")
-    torn = [e for e in effects if e.get("inconsistent_between_runs")]
-    if torn:
-        about = ", ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in torn)
+    inconsistent = [e for e in effects if e.get("inconsistent_between_runs")]
+    if inconsistent:
+        about = ", ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in inconsistent)
         out.append(f"Runs disagree about {about}.")
     outside = d.get("extrapolation") or []
     far = [o for o in outside if isinstance(o, Mapping) and o.get("share_outside", 0) > 0.05]

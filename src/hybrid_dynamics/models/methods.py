@@ -130,7 +130,7 @@ METHODS: Mapping[str, Method] = _table(
     Method(
         "least_squares",
         "least squares",
-        "The classical yardstick: base inertial parameters, viscous and Coulomb friction, offset and armature, by "
+        "The classical baseline: base inertial parameters, viscous and Coulomb friction, offset and armature, by "
         "physically consistent least squares.",
         "physical",
         own_section="least_squares",

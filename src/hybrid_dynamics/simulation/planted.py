@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Family, State, family, plant, readings
-from hybrid_dynamics.effects.sign import TRAVEL, WIDTH
+from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.effects import JointEffects
@@ -59,11 +59,11 @@ class _Row:
 
 
 @dataclass(frozen=True)
-class _Travelling:
+class _Presliding:
     """Memory of friction that follows the way since the last reversal; z (R, n) in the joint's column."""
 
     row: _Row
-    travel: float
+    displacement: float
     n: int
 
     def torque(self, z: Array, q: Array, dq: Array, time: float) -> Array:
@@ -72,7 +72,7 @@ class _Travelling:
     def advance(self, z: Array, q: Array, dq: Array, h: float) -> Array:
         # Exact for a velocity that is constant over the sub-step.
         way = np.sign(dq)
-        return np.asarray(way + (z - way) * np.exp(-np.abs(dq) * h / self.travel))
+        return np.asarray(way + (z - way) * np.exp(-np.abs(dq) * h / self.displacement))
 
 
 def planted(robot: Robot, effects: Iterable[Effect]) -> tuple[Robot, JointEffects]:
@@ -87,7 +87,7 @@ def planted(robot: Robot, effects: Iterable[Effect]) -> tuple[Robot, JointEffect
         kind = family(effect.effect)
         if not kind.has_law:
             continue
-        for joint, partner in kind.rows(robot, effect.slot(robot)):
+        for joint, partner in kind.rows(robot, effect.term(robot)):
             row = _Row(kind, effect, joint, partner, dict(effect.settings))
             total = total + _acting(row, robot.n_joints)
     return changed, total
@@ -97,13 +97,13 @@ def _acting(row: _Row, n: int) -> JointEffects:
     """One row of one effect, integrated as it needs."""
     kind, parameters, settings = row.kind, row.effect.parameters, row.settings
     _refuse_accelerations(row, n)
-    travel = kind.travel(parameters, settings)
-    if travel is not None:
+    displacement = kind.presliding(parameters, settings)
+    if displacement is not None:
         if kind.uses_load:
             raise InputError(
-                f"effect {kind.name} with {TRAVEL} follows the load as well; simulate it with a sharp sign"
+                f"effect {kind.name} with {SIGN_DISPLACEMENT} follows the load as well; simulate it with a sharp sign"
             )
-        return JointEffects(memory=(_Travelling(row, travel, n),))
+        return JointEffects(memory=(_Presliding(row, displacement, n),))
     if row.partner is not None:
         smooth = replace(row, settings={WIDTH: _PARTNER_WIDTH, **settings})
         return JointEffects(torque=(lambda q, dq, time: smooth.alone(smooth(q, dq, None, time), n),))

@@ -179,26 +179,26 @@ def draw_effects(
     kernel = hann_kernel(1.0 / cutoff, settings.period)
     floor = settings.torque_noise_share * robot.effort_limits * np.sqrt(np.sum(kernel**2))
     moving = np.ones(robot.n_joints, bool)
-    slots, directions = [], []
+    terms, directions = [], []
     for name in hidden:
         kind = family(name)
-        slot = kind.draw_slot(robot, moving, rng)
-        slots.append(slot)
-        directions.append(kind.draw(robot, slot, rng))
+        term = kind.draw_term(robot, moving, rng)
+        terms.append(term)
+        directions.append(kind.draw(robot, term, rng))
     torques = []
-    for slot, x in zip(slots, directions, strict=True):
+    for term, x in zip(terms, directions, strict=True):
         parts = []
         for motion in motions:
-            columns = slot.family().columns(motion, slot)
+            columns = term.family().columns(motion, term)
             tau = np.zeros_like(motion.q)
             if columns.ndim == 3:
                 tau += columns @ x
             else:
-                tau[:, slot.index] += columns @ x
+                tau[:, term.index] += columns @ x
             parts.append(tau)
         torques.append(np.concatenate(parts) / floor)
     effects, sizes = [], []
-    for k, (slot, x) in enumerate(zip(slots, directions, strict=True)):
+    for k, (term, x) in enumerate(zip(terms, directions, strict=True)):
         own = torques[k]
         others = [t.ravel() for i, t in enumerate(torques) if i != k]
         if others:
@@ -208,9 +208,9 @@ def draw_effects(
         alone = float(np.sqrt(np.mean(own**2, axis=0)).max())
         size = float(np.exp(rng.uniform(np.log(settings.smallest), np.log(settings.largest))))
         scaled = x * size / alone
-        joints = () if slot.joint is None else (robot.joint_names[slot.joint],)
-        values = slot.family().parameters_of(scaled, robot, slot)
-        effects.append(Effect(slot.effect, joints, values, dict(slot.settings)))
+        joints = () if term.joint is None else (robot.joint_names[term.joint],)
+        values = term.family().parameters_of(scaled, robot, term)
+        effects.append(Effect(term.effect, joints, values, dict(term.settings)))
         sizes.append(size)
     return effects, min(sizes, default=0.0)
 

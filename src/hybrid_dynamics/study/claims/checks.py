@@ -34,7 +34,7 @@ def checks(results: Iterable[DatasetResults], blind: pd.DataFrame | None = None)
     """All claims that the given results, and the rows of ``blind.csv``, can decide."""
     out: list[Check] = []
     for result in results:
-        out += [*_panda(result), *_yardstick(result), *_twin(result), *_wam(result), *loop_checks(result)]
+        out += [*_panda(result), *_baseline(result), *_twin(result), *_wam(result), *loop_checks(result)]
         out += _gain(result)
     return [*out, *(blind_checks(blind) if blind is not None else ())]
 
@@ -104,7 +104,7 @@ def _coefficients(
     )
 
 
-def _yardstick(result: DatasetResults) -> Iterator[Check]:
+def _baseline(result: DatasetResults) -> Iterator[Check]:
     if result.name != "ur10e" or result.provenance != RECORDED:
         return
     for run in result.trajectories("test"):
@@ -122,7 +122,7 @@ def _yardstick(result: DatasetResults) -> Iterator[Check]:
 
 
 def _twin(result: DatasetResults) -> Iterator[Check]:
-    """On a twin, the yardstick against the law the data was simulated with."""
+    """On a twin, the baseline against the law the data was simulated with."""
     table = result.pooled("test", "rmse")
     if "true_model" not in table or "least_squares" not in table:
         return

@@ -12,7 +12,7 @@ from hybrid_dynamics.study.intervals import clopper_pearson, counted
 from hybrid_dynamics.study.results import Check, DatasetResults
 from hybrid_dynamics.trajectory import RECORDED
 
-#: Held-out run on which the loop is set beside the classical yardstick, joints 1 to 4.
+#: Held-out run on which the loop is set beside the classical baseline, joints 1 to 4.
 UR10E_RUN = "14harm50sec"
 #: Mass of the undeclared payload [kg] as the recordings' authors give it; the drive gains limit how well it is found.
 UR10E_MASS, MASS_SHARE = 2.805, 0.15
@@ -32,7 +32,7 @@ def loop_checks(result: DatasetResults) -> Iterator[Check]:
     """Claims on the recorded UR10e, from its errors and from what the loop answered."""
     if result.name != "ur10e" or result.provenance != RECORDED:
         return
-    yield from _beside_yardstick(result)
+    yield from _beside_baseline(result)
     calibrated = _diagnosis(result, "models/loop")
     if calibrated is not None:
         named = {joint for e in calibrated["effects"] if e["effect"].endswith("friction") for joint in e["joints"]}
@@ -74,12 +74,12 @@ def loop_checks(result: DatasetResults) -> Iterator[Check]:
         )
     both = answers["load_both"]
     if both is not None:
-        torn = [d["parameter"] for e in both["effects"] for d in e.get("inconsistent_between_runs", [])]
+        inconsistent = [d["parameter"] for e in both["effects"] for d in e.get("inconsistent_between_runs", [])]
         yield Check(
             result.title,
             "Both recordings together: the payload's place is said to differ between the runs",
-            f"said of {', '.join(torn) or 'nothing'}",
-            any(name.startswith("com_") for name in torn),
+            f"said of {', '.join(inconsistent) or 'nothing'}",
+            any(name.startswith("com_") for name in inconsistent),
         )
 
 
@@ -140,7 +140,7 @@ def _counted(hits: int, cases: int, share: float) -> tuple[str, bool | None]:
     return text, True
 
 
-def _beside_yardstick(result: DatasetResults) -> Iterator[Check]:
+def _beside_baseline(result: DatasetResults) -> Iterator[Check]:
     if UR10E_RUN not in result.trajectories("test"):
         return
     table = result.run("test", UR10E_RUN)

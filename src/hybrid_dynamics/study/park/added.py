@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from hybrid_dynamics.effects import Effect, Motion, Slot, family
+from hybrid_dynamics.effects import Effect, Motion, Term, family
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.loop.model import Model, effect_from_json, effect_to_json
 from hybrid_dynamics.loop.process import ProcessSettings, Run, derivative, process
@@ -128,18 +128,18 @@ def draw_added(
     if not moving.any():
         raise InputError(f"{hidden}: no joint moves in the logs it should be added to; give logs in motion")
     kind = family(hidden)
-    slot = kind.draw_slot(robot, moving, rng)
-    direction = kind.draw(robot, slot, rng)
+    term = kind.draw_term(robot, moving, rng)
+    direction = kind.draw(robot, term, rng)
     scale = 1.0
     for _ in range(12):
         # Not every torque is proportional to its coordinates (a spring's rest position): iterate on the size.
-        now = _size(base, _effect(robot, slot, direction * scale), runs, floor)
+        now = _size(base, _effect(robot, term, direction * scale), runs, floor)
         if not now > 0:
             raise InputError(f"{hidden}: has no torque on the motion of these logs; give other logs")
         if abs(now / size - 1) < 1e-3:
             break
         scale *= size / now
-    return _effect(robot, slot, direction * scale)
+    return _effect(robot, term, direction * scale)
 
 
 def add_effects(base: Model, effects: Sequence[Effect], logs: Sequence[Trajectory]) -> list[Trajectory]:
@@ -176,9 +176,9 @@ def _torque(
     return np.asarray(factor * (recorded + more) - recorded)
 
 
-def _effect(robot: Robot, slot: Slot, x: Array) -> Effect:
-    joints = () if slot.joint is None else (robot.joint_names[slot.joint],)
-    return Effect(slot.effect, joints, slot.family().parameters_of(x, robot, slot), slot.options)
+def _effect(robot: Robot, term: Term, x: Array) -> Effect:
+    joints = () if term.joint is None else (robot.joint_names[term.joint],)
+    return Effect(term.effect, joints, term.family().parameters_of(x, robot, term), term.options)
 
 
 def _size(base: Model, effect: Effect, runs: Sequence[Run], floor: Array) -> float:

@@ -171,11 +171,11 @@ def scatter(
         logs if len(logs) > 2 else [piece for log in logs for piece in _cut(log, parts if log.split == "train" else 1)]
     )
     pieces = [process(log, robot, settings.process) for log in whole]
-    slots = [effect.slot(robot) for effect in model.effects]
+    terms = [effect.term(robot) for effect in model.effects]
     fits = []
     for piece in pieces:
-        evidence = Evidence(Model(robot), [piece], slots, settings)
-        fits.append(model_of(evidence, slots).effects)
+        evidence = Evidence(Model(robot), [piece], terms, settings)
+        fits.append(model_of(evidence, terms).effects)
     rows = []
     for k, effect in enumerate(model.effects):
         kind = family(effect.effect)

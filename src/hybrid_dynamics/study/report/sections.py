@@ -31,7 +31,7 @@ def study_sections(datasets: Sequence[str], data: Path = Path("data")) -> tuple[
 
 
 def least_squares_section(dataset: str, path: Path) -> Section | None:
-    """Parameters, standard errors, conditioning and base-parameter grouping of the yardstick's ``model.json``."""
+    """Parameters, standard errors, conditioning and base-parameter grouping of the baseline's ``model.json``."""
     if not path.exists():
         return None
     model = json.loads(path.read_text("utf-8"))
@@ -54,7 +54,7 @@ def least_squares_section(dataset: str, path: Path) -> Section | None:
         + table(heads, joints)
         + details(f"All {len(rows)} base and friction parameters", parameters)
     )
-    return Section("least-squares", "Least squares: the classical yardstick", html, dataset)
+    return Section("least-squares", "Least squares: the classical baseline", html, dataset)
 
 
 def _parameter_row(row: Mapping[str, Any]) -> list[Cell | str]:

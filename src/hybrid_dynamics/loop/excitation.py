@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 FREQUENCIES = (0.1, 0.23, 0.41, 0.67, 1.03)
 
 
-def exercise(
+def excitation(
     robot: Robot,
     effects: Sequence[Effect] = (),
     *,
@@ -66,12 +66,12 @@ def exercise(
     return Trajectory(name, split, time, {"q": q, "tau": tau})
 
 
-def exercises(
+def excitations(
     robot: Robot, effects: Sequence[Effect] = (), *, train: int = 4, test: int = 2, **options: object
 ) -> tuple[list[Trajectory], list[Trajectory]]:
-    """``train`` and ``test`` runs of :func:`exercise`, each its own motion."""
+    """``train`` and ``test`` runs of :func:`excitation`, each its own motion."""
     runs = [
-        exercise(robot, effects, name=f"{split}_{k + 1}", split=split, **options)  # type: ignore[arg-type]
+        excitation(robot, effects, name=f"{split}_{k + 1}", split=split, **options)  # type: ignore[arg-type]
         for split, count in (("train", train), ("test", test))
         for k in range(count)
     ]

@@ -1,10 +1,10 @@
-"""Knocks in a log: moments in which most joints depart at once from anything the motion explains.
+"""Outlier segments in a log: moments in which most joints depart at once from anything the motion explains.
 
 A bump against the arm, a stop harder than the filters resolve or a fault of the log lasts a fraction of a second and
 is no property of the robot, but least squares hands its energy to whatever effect comes nearest. What the rich model
 of :mod:`hybrid_dynamics.loop.noise` leaves is compared with its robust scale (median absolute deviation):
-friction alone surprises single joints, a knock surprises most of them together. Long or frequent departures are not
-left out: they ask for an explanation.
+friction alone surprises single joints, an outlier segment surprises most of them together. Long or frequent departures
+are not left out: they ask for an explanation.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ Array = NDArray[np.float64]
 DEPARTURE = 6.0
 #: Standard deviation of a normal variable over its median absolute deviation.
 _MAD = 1.4826
-#: Longest knock [s], and the largest share of a run that knocks may take.
+#: Longest outlier segment [s], and the largest share of a run that outlier segments may take.
 LONGEST, LARGEST_SHARE = 1.0, 0.05
-#: Fewer joints in motion cannot tell a knock from an effect of their own.
+#: Fewer joints in motion cannot tell an outlier segment from an effect of their own.
 FEWEST_JOINTS = 3
 
 
 @dataclass(frozen=True)
-class Disturbance:
-    """A knock in run number ``run``: rows ``start`` to ``stop`` (excluded), how many joints saw it, and how strong.
+class OutlierSegment:
+    """A segment of run number ``run``: rows ``start`` to ``stop`` (excluded), how many joints saw it, and how strong.
 
     ``size`` is the largest departure in robust standard deviations; times [s] as in the log.
     """
@@ -44,10 +44,12 @@ class Disturbance:
     size: float
 
 
-def disturbances(run: int, time: Array, residual: Array, mask: NDArray[np.bool_], pad: float) -> list[Disturbance]:
-    """Knocks in one run. ``time`` (K,) [s], ``residual`` (K, n) [N m], ``mask`` (K, n) rows that count.
+def outlier_segments(
+    run: int, time: Array, residual: Array, mask: NDArray[np.bool_], pad: float
+) -> list[OutlierSegment]:
+    """Outlier segments in one run. ``time`` (K,) [s], ``residual`` (K, n) [N m], ``mask`` (K, n) rows that count.
 
-    ``pad`` [s] is how far the filters carry a moment to either side; it is left out with the knock.
+    ``pad`` [s] is how far the filters carry a moment to either side; it is left out with the outlier segment.
     """
     seen = mask.sum(axis=0) >= 20
     if seen.sum() < FEWEST_JOINTS or len(time) < 3:
@@ -65,7 +67,7 @@ def disturbances(run: int, time: Array, residual: Array, mask: NDArray[np.bool_]
     if sum(len(s) for s in spans) > LARGEST_SHARE * len(time) or any(len(s) * dt > LONGEST for s in spans):
         return []
     return [
-        Disturbance(
+        OutlierSegment(
             run,
             max(int(s[0]) - reach, 0),
             min(int(s[-1]) + 1 + reach, len(time)),
@@ -78,11 +80,11 @@ def disturbances(run: int, time: Array, residual: Array, mask: NDArray[np.bool_]
     ]
 
 
-def describe(found: Sequence[Disturbance], names: Sequence[str]) -> list[str]:
-    """One line for each knock, for the notes of the diagnosis."""
+def describe(found: Sequence[OutlierSegment], names: Sequence[str]) -> list[str]:
+    """One line for each outlier segment, for the notes of the diagnosis."""
     return [
         f"run {names[d.run]}: around {0.5 * (d.first_time + d.last_time):.2f} s the torque of {d.joints} joints "
-        f"departs at once, by up to {d.size:.0f} times the usual residual, from anything the motion explains (a knock, "
-        "a sudden stop or a fault of the log); that moment is left out of the fit, not out of the reported errors"
+        f"departs at once, by up to {d.size:.0f} times the usual residual, from anything the motion explains (a bump, "
+        "a sudden stop, a fault of the log); this outlier segment is left out of the fit, not of the reported errors"
         for d in found
     ]
