@@ -35,6 +35,7 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "bad_inputs.md"
 CLOSE = ("close-loop", "--robot", "robot.urdf", "--train", "bad.csv", "b.csv", "--test", "test.csv", "--out", "out")
 CHECK = ("check", "--robot", "robot.urdf", "--data", "bad.csv")
 PREDICT = ("predict", "--robot", "robot.urdf", "--model", "bad.json", "--data", "test.csv", "--out", "tau.csv")
+PREDICT_LOG = ("predict", "--robot", "robot.urdf", "--model", "model.json", "--data", "bad.csv", "--out", "tau.csv")
 OTHER_URDF = ("check", "--robot", "bad.urdf", "--data", "a.csv")
 
 
@@ -279,6 +280,8 @@ CASES: list[Case] = [
     Case("positions in encoder counts", CHECK, scaled(1e4, "q1", "q2")),
     Case("velocities in deg/s", CHECK, velocity(np.rad2deg)),
     Case("velocities in deg/s, in close-loop", CLOSE, velocity(np.rad2deg)),
+    Case("velocities in deg/s, in predict", PREDICT_LOG, velocity(np.rad2deg)),
+    Case("positions in degrees, in predict", PREDICT_LOG, scaled(np.rad2deg(1), "q1", "q2")),
     Case("velocities in rpm", CHECK, velocity(lambda d: d * 60 / (2 * np.pi))),
     Case("velocities of the motor", CHECK, velocity(lambda d: d * [100.0, 80.0])),
     Case("velocities with the wrong sign", CHECK, velocity(lambda d: -d)),

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 
 from hybrid_dynamics.check import checked
 from hybrid_dynamics.check.content import check_content, check_rate
@@ -64,10 +65,15 @@ def test_a_suggestion_mends_what_has_one_clear_cure_and_close_loop_takes_it(logs
     for words in ("WRONG     torque_sign     joint elbow", "dq is in deg/s", "it looks like N mm"):
         assert words in said.out
     assert said.err.startswith("error: 3 findings for which close-loop refuses these logs")
+    # What it found stands below as a log.yaml, the same that is written on demand.
+    printed = yaml.safe_load(said.out.split("reads it):\n")[1])
+    assert printed == {"sign": {"tau": [1, -1]}, "units": {"dq": "deg/s", "tau": "Nmm"}}
+    assert "# mends torque_sign: sign.tau" in said.out
     assert command(*fault, "--apply-suggestion", tmp_path / "log.yaml") == 0
     said = capsys.readouterr()
     assert "log.yaml: mends torque_sign: sign.tau" in said.out
     assert "nothing is wrong" in said.out
+    assert yaml.safe_load((tmp_path / "log.yaml").read_text()) == printed
     assert command(*fault, "--log", tmp_path / "log.yaml") == 0
     # Never in silence over a file that is there.
     assert command(*fault, "--apply-suggestion", tmp_path / "log.yaml") == 2
@@ -87,7 +93,37 @@ def test_suggestions_come_on_top_of_a_description(tmp_path, logs, run, capsys):
     assert command(*start) == 2
     assert "tau2 fits the motion of shoulder; tau1 fits the motion of elbow" in capsys.readouterr().out
     assert command(*start, "--apply-suggestion", tmp_path / "second.yaml") == 0
-    assert "torque_1" in (tmp_path / "second.yaml").read_text()
+    assert yaml.safe_load((tmp_path / "second.yaml").read_text()) == {"columns": {"tau": ["torque_1", "torque_0"]}}
+    # --columns says the same as the file that only names columns.
+    by_name = (*start[:-2], "--columns", "tau=torque_{i0}", "--json", "--quiet")
+    capsys.readouterr()
+    assert command(*by_name) == 2
+    assert json.loads(capsys.readouterr().out)["log"] == {"columns": {"tau": ["torque_1", "torque_0"]}}
+
+
+def test_described_logs_are_checked_as_they_are_described(tmp_path, logs, run, capsys):
+    """Motor current on the motor's side, degrees, milliseconds: refused as it stands, without fault as described."""
+    import pandas as pd
+
+    frame = pd.DataFrame({"stamp": 1e3 * run.time})
+    ratio, constant = np.array([100.0, 50.0]), np.array([0.1, 0.05])
+    for j in range(2):
+        frame[f"pos_{j}"] = np.rad2deg(run["q"][:, j])
+        frame[f"current_{j}"] = run["tau"][:, j] / ratio[j] / constant[j]
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    (tmp_path / "log.yaml").write_text(
+        "columns: {time: stamp, q: 'pos_{i0}', tau: 'current_{i0}'}\nunits: {time: ms, q: deg, tau: A}\n"
+        "torque_constant: [0.1, 0.05]\nmotor_side: [tau]\ngear_ratio: [100, 50]\n"
+    )
+    start = ("check", "--robot", logs / "robot.urdf", "--data", tmp_path / "a.csv")
+    assert command(*start) == 2
+    assert command(*start, "--log", tmp_path / "log.yaml", "--json") == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["log"] == {}
+    assert "as a log.yaml" not in said.err
+    # What the command line says goes before what the file says; the control: now the angles are wrong.
+    assert command(*start, "--log", tmp_path / "log.yaml", "--units", "rad") == 2
+    assert "expected radians" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -141,6 +141,60 @@ def test_predict_writes_by_name_with_parts_band_and_error(here):
     assert pq.read_schema("p.parquet").field("tau1").metadata[b"unit"] == b"N m"
 
 
+def spoilt(frame: pd.DataFrame, columns: list[str], share: float, times: float, seed: int = 0) -> pd.DataFrame:
+    """``frame`` with ``share`` of the samples of ``columns`` off by ``times`` their spread."""
+    rng, out = np.random.default_rng(seed), frame.copy()
+    for name in columns:
+        rows = rng.choice(np.arange(5, len(out) - 5), max(round(share * len(out)), 1), replace=False)
+        out.loc[rows, name] += times * out[name].std() * rng.choice([-1.0, 1.0], len(rows))
+    return out
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_glitches_in_a_log_do_not_ruin_its_prediction(here, tmp_path, capsys, uneven):
+    """1 % of all samples at 1000 times the signal: error, parts and band of the clean log; number and size told."""
+    log = pd.read_parquet("test_1.parquet")
+    if uneven:
+        log = log.drop(index=np.random.default_rng(3).choice(len(log), 40, replace=False)).reset_index(drop=True)
+    bad = spoilt(log, ["q1", "q2", "tau1", "tau2"], 0.01, 1000.0)
+    found = {}
+    for name, frame in (("clean", log), ("bad", bad)):
+        frame.to_csv(tmp_path / f"{name}.csv", index=False)
+        asked = (*PREDICT[:-3], "--data", tmp_path / f"{name}.csv", "--effects", "--band", "--json")
+        assert run(*asked, "--out", tmp_path / f"{name}.parquet") == 0
+        shown = capsys.readouterr()
+        found[name] = json.loads(shown.out), pd.read_parquet(tmp_path / f"{name}.parquet"), shown.err
+    clean, mended = found["clean"][0], found["bad"][0]
+    np.testing.assert_allclose(mended["error"]["rmse"], clean["error"]["rmse"], rtol=0.1)
+    np.testing.assert_allclose(mended["error"]["rmse_as_recorded"], clean["error"]["rmse_as_recorded"], rtol=0.1)
+    assert mended["columns"] == clean["columns"]
+    difference = np.sqrt(np.mean((found["bad"][1] - found["clean"][1]) ** 2, axis=0))
+    # N m; the torque itself is of the order of ten.
+    assert difference.max() < 0.05, difference
+    count = round(0.01 * len(log))
+    for name in ("q", "tau"):
+        said = f"{2 * count} samples of {name} (shoulder {count}, elbow {count}; of {len(log)} each)"
+        assert said in found["bad"][2]
+    assert "stand alone" not in found["clean"][2]
+
+
+def test_a_motion_that_cannot_be_is_not_predicted_along(here, tmp_path, capsys):
+    log = pd.read_parquet("test_1.parquet")
+    for j in (1, 2):
+        log[f"dq{j}"] = np.rad2deg(np.gradient(log[f"q{j}"], 0.005))
+    log.to_csv(tmp_path / "deg.csv", index=False)
+    assert run(*PREDICT[:-3], "--data", tmp_path / "deg.csv", "--out", tmp_path / "p.csv") == 2
+    assert "dq is in deg/s" in capsys.readouterr().err
+    assert not (tmp_path / "p.csv").exists()
+    # A velocity of zero throughout is none: left out and told.
+    log.assign(dq1=0.0, dq2=0.0).to_csv(tmp_path / "zero.csv", index=False)
+    assert run(*PREDICT[:-3], "--data", tmp_path / "zero.csv", "--out", tmp_path / "p.csv") == 0
+    assert "zero throughout while the joints move" in capsys.readouterr().err
+    assert run(*PREDICT, tmp_path / "without.csv", "--quiet") == 0
+    zero, without = (pd.read_csv(tmp_path / name) for name in ("p.csv", "without.csv"))
+    pd.testing.assert_frame_equal(zero, without)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

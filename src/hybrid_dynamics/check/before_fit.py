@@ -18,6 +18,7 @@ from hybrid_dynamics.check.torque import check_torque, outvoted
 from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.readers.glitches import MANY, repair, told
+from hybrid_dynamics.readers.resample import resample
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -99,6 +100,21 @@ def checked(
     findings = _once(findings)
     _stop(findings, refuse)
     return Checked(tuple(first), tuple(second), tuple(ordered(findings)), gravity)
+
+
+def checked_motion(robot: Robot, log: Trajectory) -> tuple[Trajectory, list[Finding]]:
+    """``log`` (its own stamps; torque is not looked at) without a velocity that is none, and what was found.
+
+    :class:`InputError` where positions or velocities cannot be this robot's: what is computed along them would be
+    wrong without a word.
+    """
+    pieces = resample(repair(log)[0])
+    findings = check_angles(robot, pieces)
+    if not findings:
+        findings = check_velocity(robot.joint_names, pieces)
+    refuse_hard(findings)
+    zero = any(f.code == "dq_zero" for f in findings)
+    return _without_velocity(log) if zero else log, findings
 
 
 def check_shape(robot: Robot, runs: Sequence[Trajectory]) -> None:

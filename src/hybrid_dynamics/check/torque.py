@@ -188,6 +188,8 @@ def _clock(told: Guess, best: Guess) -> list[Finding]:
             f"time stamps run {factor:g} times too {'slow' if slow else 'fast'}: the torque shows inertia of a motion "
             f"that is {factor:g} times {'faster' if slow else 'slower'} than the stamps say; expected seconds: "
             f"{'divide' if slow else 'multiply'} them by {factor:g}",
+            # Read as seconds, milliseconds run a thousand times too slow; no other factor is a unit's.
+            suggestion={"units": {"time": "ms"}} if best.pace == 1e3 else {},
         )
     ]
 

@@ -27,7 +27,8 @@ def add_parser(subparsers: Any) -> None:
         short="say what is in the logs and whether they fit the robot, before any fit",
         long="Rates, gaps and glitches; limits; velocity against position; torque against motion (sign, unit, order of "
         "the joints, mounting, delay); what the motion can show. One line a finding, worst first; exit code 2 where "
-        "close-loop would refuse the logs. " + LOG_HELP,
+        "close-loop would refuse the logs. What has one clear cure is printed as the log.yaml that mends it. "
+        + LOG_HELP,
         example="hybrid-dynamics check --robot robot.urdf --data a.csv b.csv",
     )
     add_robot(parser)
@@ -57,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"{args.apply_suggestion}: exists; give another file for the suggestion, or --force")
     findings = look(robot, args.data, args.test, log_form(args))
     hard = _tell(console, findings)
+    description, told = combined(read_plain(args), findings, robot.joint_names)
     result: dict[str, Any] = {
         "status": "ok" if hard == 0 else "refused",
         "command": "check",
@@ -64,28 +66,37 @@ def run(args: argparse.Namespace) -> int:
         "hard": hard,
         "findings": [f.to_json() for f in findings],
         "suggestion": merged(f.suggestion for f in findings if f.severity != "note"),
+        "log": description if told else {},
     }
-    if args.apply_suggestion is not None:
-        description, told = combined(read_plain(args), findings, robot.joint_names)
-        if not told:
-            console.note("nothing here has one clear cure: no log.yaml is written")
-        else:
-            form = write_description(args.apply_suggestion, description)
-            for line in told:
-                console.say(f"{args.apply_suggestion}: {line}")
-            again = look(robot, args.data, args.test, form)
-            hard = sum(f.severity == "hard" for f in again)
-            for finding in again:
-                if finding.severity == "hard":
-                    console.note(f"still wrong with it: {finding.line}")
-            console.say(
-                f"with --log {args.apply_suggestion} " + ("nothing is wrong" if not hard else "logs are refused")
-            )
-            result |= {"written": str(args.apply_suggestion), "mended": told, "hard_with_it": hard}
+    if args.apply_suggestion is None:
+        _show(console, description, told)
+    elif not told:
+        console.note("nothing here has one clear cure: no log.yaml is written")
+    else:
+        form = write_description(args.apply_suggestion, description, told)
+        for line in told:
+            console.say(f"{args.apply_suggestion}: {line}")
+        again = look(robot, args.data, args.test, form)
+        hard = sum(f.severity == "hard" for f in again)
+        for finding in again:
+            if finding.severity == "hard":
+                console.note(f"still wrong with it: {finding.line}")
+        console.say(f"with --log {args.apply_suggestion} " + ("nothing is wrong" if not hard else "logs are refused"))
+        result |= {"written": str(args.apply_suggestion), "mended": told, "hard_with_it": hard}
     console.result(result)
     if hard:
         print(f"error: {hard} finding{'s' * (hard > 1)} for which close-loop refuses these logs", file=sys.stderr)
     return 2 if hard else 0
+
+
+def _show(console: Console, description: dict[str, Any], told: list[str]) -> None:
+    """Print what has one clear cure as the ``log.yaml`` that mends it."""
+    from hybrid_dynamics.cli.suggestion import as_yaml
+
+    if told:
+        console.say("what has one clear cure, as a log.yaml (--apply-suggestion FILE writes it, --log FILE reads it):")
+        for line in as_yaml(description, told).splitlines():
+            console.say(f"    {line}")
 
 
 def look(robot: Robot, data: list[Path], test: list[Path], form: LogDescription | None) -> list[Finding]:

@@ -52,6 +52,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The ``predict`` command."""
+    from hybrid_dynamics.check import checked_motion
     from hybrid_dynamics.errors import one_line
     from hybrid_dynamics.files import check_target
     from hybrid_dynamics.loop.model import load_model, read_model
@@ -80,6 +81,8 @@ def run(args: argparse.Namespace) -> int:
         # The torque is only compared with: a log without it, or with one that is of no use, is predicted all the same.
         log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append, torque=False, log=form)
         notices.append(f"no comparison with measured torque ({one_line(error)})")
+    log, findings = checked_motion(robot, log)
+    notices += [f.line for f in findings]
     prediction = predict(model, log, parts=args.effects, uncertainty=uncertainty, notify=notices.append)
     left_out = int((~prediction.covered).sum())
     if left_out:

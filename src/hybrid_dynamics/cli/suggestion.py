@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +22,23 @@ def read_plain(args: argparse.Namespace) -> dict[str, Any]:
     return {key: _plain(value) for key, value in dataclasses.asdict(form).items() if value != empty[key]}
 
 
-def write_description(path: Path, values: dict[str, Any]) -> LogDescription:
-    """Write ``values`` as a ``log.yaml`` (whole or not at all) and return what it says."""
+def as_yaml(values: Mapping[str, Any], told: Sequence[str]) -> str:
+    """``values`` as the text of a ``log.yaml``: one key a line, and what each cure mends as a comment above them."""
     import yaml
 
+    lines = [f"# {line}" for line in ("written by hybrid-dynamics check", *told)]
+    # Short lists stay on their key's line, as a person would write them.
+    body = yaml.safe_dump(dict(values), sort_keys=False, allow_unicode=True, default_flow_style=None, width=1000)
+    return "\n".join([*lines, body])
+
+
+def write_description(path: Path, values: Mapping[str, Any], told: Sequence[str]) -> LogDescription:
+    """Write ``values`` as a ``log.yaml`` (whole or not at all) and return what it says."""
     from hybrid_dynamics.files import atomic_path
 
     form = describe(values, str(path))
     with atomic_path(path) as temporary:
-        text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
-        Path(temporary).write_text(f"# written by hybrid-dynamics check\n{text}", encoding="utf-8")
+        Path(temporary).write_text(as_yaml(values, told), encoding="utf-8")
     return form
 
 

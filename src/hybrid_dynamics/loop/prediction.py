@@ -21,6 +21,7 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import ProcessSettings, derivative, hann_kernel
 from hybrid_dynamics.loop.uncertainty import Uncertainty
+from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import resample
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -37,9 +38,10 @@ _FITTED, _REACH, _ORDER = 1.5, 3.0, 3
 class Prediction:
     """Torque [N m] at the log's stamps ``time`` (T,) [s]; rows in a gap too long to bridge are NaN.
 
-    ``tau`` (T, n); ``measured`` (T, n) as recorded and ``measured_smooth`` (T, n) through the filter that ``tau`` has
-    passed, both None where the log has no torque; ``parts`` maps the rigid body and each effect to its share (T, n):
-    they add up to ``tau``; ``band`` (T, n) is the standard deviation of ``measured_smooth - tau`` to be expected.
+    ``tau`` (T, n); ``measured`` (T, n) as recorded, without its glitches, and ``measured_smooth`` (T, n) through the
+    filter that ``tau`` has passed, both None where the log has no torque; ``parts`` maps the rigid body and each effect
+    to its share (T, n): they add up to ``tau``; ``band`` (T, n) is the standard deviation of
+    ``measured_smooth - tau`` to be expected.
     """
 
     time: Array
@@ -90,8 +92,10 @@ def predict(
 ) -> Prediction:
     """The torque ``model`` predicts along ``log`` (``q``, ``dq`` where it has it; its torque is only compared with).
 
-    ``log`` has its own stamps, even or not. With ``parts`` the share of each effect is told, in the order of the
-    model; with ``uncertainty`` the band. Raises :class:`InputError` where the log does not fit the robot.
+    ``log`` has its own stamps, even or not. Single samples that stand alone are left out (interpolated) and told, as
+    the loop leaves them out: one of them would spread over a filter's window. With ``parts`` the share of each effect
+    is told, in the order of the model; with ``uncertainty`` the band. Raises :class:`InputError` where the log does
+    not fit the robot.
 
     >>> from hybrid_dynamics import Model, Robot, predict, read_log
     >>> robot = Robot.from_urdf("robot.urdf")
@@ -104,6 +108,10 @@ def predict(
             f"log {log.name}: holds {log.n_joints} joints; robot {model.robot.name} has {model.robot.n_joints}"
         )
     settings = settings or ProcessSettings()
+    log, glitches = repair(log)
+    for line in told(glitches, model.robot.joint_names, len(log.time)):
+        if notify is not None:
+            notify(f"{log.name}: {line}")
     pieces = resample(log, None, notify)
     if not pieces:
         raise InputError(
