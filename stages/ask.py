@@ -2,7 +2,6 @@
 
 import shutil
 from dataclasses import replace
-from functools import partial
 
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.loop import LoopSettings, close_loop, load_model
@@ -12,7 +11,6 @@ from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.study.datasets import ReaderSettings, Run, TwinSettings, read_run, twin_runs
 from hybrid_dynamics.study.sources import read_source
 from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN, Trajectory
-from hybrid_dynamics.types import Progress
 from stages.common import dataset_argument, progress_bar
 
 
@@ -38,17 +36,12 @@ def main() -> None:
     for question, runs in questions.items():
         logs = [part for run in runs for part in log(run, question)]
         with progress_bar(f"{files.dataset}: {question}") as progress:
-            # close_loop says what it does before how far it is.
-            result = close_loop(robot, logs, [], settings, start, partial(_swapped, progress))
+            result = close_loop(robot, logs, [], settings, start, progress)
         write_result(
             files.questions / question, result, origin=RECORDED if recorded else SIMULATED_TWIN, keep_content=True
         )
         named = ", ".join(e.effect.effect for e in result.diagnosis.effects) or "nothing"
         print(f"{files.dataset}: {question}: {result.diagnosis.verdict}; named: {named}")
-
-
-def _swapped(progress: Progress, what: str, share: float) -> None:
-    progress(share, what)
 
 
 if __name__ == "__main__":

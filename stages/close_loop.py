@@ -21,7 +21,7 @@ def main() -> None:
     train, test = ([run for run in runs if run.split == split] for split in ("train", "test"))
     folder, robot = files.model("loop"), Robot.from_urdf(files.robot)
     with progress_bar(f"{files.dataset}: close_loop") as progress, measured(files.timing("loop")):
-        result = close_loop(robot, train, test, settings, progress=lambda text, share: progress(share, text))
+        result = close_loop(robot, train, test, settings, progress=progress)
     log = files.derivatives if provenance == SIMULATED else files.trajectories
     command = {"stage": f"close_loop@{files.dataset}"}
     origin = provenance_of(robot, settings, command=command, urdf=files.robot, train=[log])

@@ -3,12 +3,13 @@
 import argparse
 import resource
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress, TimeElapsedColumn
+from rich.progress import Progress as Bars
+from rich.progress import TimeElapsedColumn
 
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.files import write_json
@@ -16,6 +17,7 @@ from hybrid_dynamics.models.symbolic.julia import check_julia
 from hybrid_dynamics.study.config import PARAMS, load_params
 from hybrid_dynamics.study.layout import DatasetFiles
 from hybrid_dynamics.trajectory import Trajectory, read_trajectories
+from hybrid_dynamics.types import Progress
 
 
 def dataset_argument(description: str | None) -> DatasetFiles:
@@ -48,21 +50,21 @@ def training_runs(files: DatasetFiles) -> list[Trajectory]:
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
-    """Yield ``progress(fraction, text)``: a bar on a terminal, a line every tenth elsewhere (logs, CI)."""
+def progress_bar(title: str) -> Iterator[Progress]:
+    """Yield ``progress(share, what)``: a bar on a terminal, a line every tenth elsewhere (logs, CI)."""
     console = Console()
     if console.is_terminal:
-        with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=console) as bar:
+        with Bars(*Bars.get_default_columns(), TimeElapsedColumn(), console=console) as bar:
             task = bar.add_task(title, total=1.0)
-            yield lambda fraction, text: bar.update(task, completed=fraction, description=f"{title}: {text}")
+            yield lambda share, what: bar.update(task, completed=share, description=f"{title}: {what}")
         return
     shown = -1
 
-    def line(fraction: float, text: str) -> None:
+    def line(share: float, what: str) -> None:
         nonlocal shown
-        if int(10 * fraction) > shown:
-            shown = int(10 * fraction)
-            print(f"{title}: {fraction:4.0%} {text}", flush=True)
+        if int(10 * share) > shown:
+            shown = int(10 * share)
+            print(f"{title}: {share:4.0%} {what}", flush=True)
 
     yield line
 

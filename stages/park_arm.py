@@ -37,7 +37,7 @@ def main() -> None:
         train, test = ([log for log in logs if log.split == split] for split in ("train", "test"))
         loop = section(params, "loop", LoopSettings)
         with progress_bar(f"{files.dataset}: park_arm") as progress:
-            result = close_loop(robot, train, test, loop, progress=lambda text, share: progress(share, text))
+            result = close_loop(robot, train, test, loop, progress=progress)
         write_result(temporary / "loop", result)
         least_squares = section(params, "least_squares", LeastSquaresSettings)
         tables = judge_arm(

@@ -33,11 +33,7 @@ def train(method: str, files: DatasetFiles, settings: dict[str, object]) -> Esti
     below = METHODS[method].learned_below
     base = load_estimator(files.model(below)) if below is not None else None
     with progress_bar(f"{files.dataset}: train_{method}") as progress:
-
-        def report(done: int, total: int, loss: float | None = None) -> None:
-            progress(done / total, f"{done} of {total}" if loss is None else f"mean squared error {loss:.3g} N²m²")
-
-        estimator = build_estimator(method, settings, base=base, progress=report)
+        estimator = build_estimator(method, settings, base=base, progress=progress)
         with measured(files.timing(method)):
             estimator.fit(features, torque)
     return estimator

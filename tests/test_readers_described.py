@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import ConfigError, HybridDynamicsError, InputError
 from hybrid_dynamics.readers import describe, from_options, load_description, read_log
@@ -23,8 +22,8 @@ from hybrid_dynamics.readers.delimited import standard_input
 from hybrid_dynamics.readers.described import decimated
 from hybrid_dynamics.readers.resample import ResampleSettings
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 JOINTS = ("base", "shoulder", "wrist")
 TIME = 0.01 * np.arange(400)
 

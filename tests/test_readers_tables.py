@@ -14,7 +14,6 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.readers import (
@@ -30,8 +29,8 @@ from hybrid_dynamics.readers import (
 )
 from hybrid_dynamics.readers.ur10e import repair_stamps
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 JOINTS = ("shoulder", "elbow")
 
 

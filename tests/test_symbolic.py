@@ -236,13 +236,13 @@ def test_an_interrupted_search_is_no_model(no_julia, monkeypatch):
 def test_versions_and_progress_of_a_search(no_julia, monkeypatch):
     engine_with(no_julia, monkeypatch, stub())
     X = np.random.default_rng(0).normal(size=(200, 21))
-    told: list[tuple[int, int]] = []
+    told: list[tuple[float, str]] = []
     settings = SymbolicSettings(engine="pysr", max_rounds=2)
-    estimator = SymbolicEstimator(settings, lambda done, total: told.append((done, total))).fit(X, 2 * X[:, [0, 0, 0]])
+    estimator = SymbolicEstimator(settings, lambda share, what: told.append((share, what))).fit(X, 2 * X[:, [0, 0, 0]])
     assert estimator.versions_ == {"pysr": "1.2.3", "julia": "1.10.4", "symbolic_regression": "2.7.2"}
     assert estimator.document({}, "")["versions"] == estimator.versions_
     assert SymbolicEstimator.from_document(estimator.document({}, ""), {}).versions_ == estimator.versions_
-    assert told[-1] == (6, 6)
+    assert told[-1] == (1.0, "round 6 of 6")
     assert told == sorted(told)
     assert len(told) > 3, "within a joint too"
 

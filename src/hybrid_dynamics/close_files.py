@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,7 @@ from hybrid_dynamics.readers.log import read_pieces
 from hybrid_dynamics.result_folder import check_result_folder, result_folder
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-
-Tell = Callable[[str, float], None]
-Notify = Callable[[str], None]
+from hybrid_dynamics.types import Notify, Progress
 
 
 @dataclass(frozen=True)
@@ -71,11 +69,11 @@ class LoopFiles:
         )
 
 
-def close_files(files: LoopFiles, tell: Tell | None = None, note: Notify | None = None) -> dict[str, Any]:
+def close_files(files: LoopFiles, progress: Progress | None = None, note: Notify | None = None) -> dict[str, Any]:
     """Close the loop on ``files`` and write the results; returns the diagnosis.
 
-    ``tell`` hears of the stages, ``note`` what is odd about the logs. Raises :class:`InputError` where no verdict can
-    be given; nothing is written then.
+    ``progress`` hears of the steps, ``note`` what is odd about the logs. Raises :class:`InputError` where no verdict
+    can be given; nothing is written then.
     """
     files.check()
     robot = Robot.from_urdf(files.robot, files.lock)
@@ -90,9 +88,9 @@ def close_files(files: LoopFiles, tell: Tell | None = None, note: Notify | None 
         for line in notices:
             note(line)
     provenance = files.provenance(robot)
-    result = with_described(close_loop(robot, train, test, files.settings, start, tell), described)
-    if tell is not None:
-        tell("writing the report", 1.0)
+    result = with_described(close_loop(robot, train, test, files.settings, start, progress), described)
+    if progress is not None:
+        progress(1.0, "writing the report")
     with result_folder(files.out, RESULT_FILES, force=files.force, ours=is_result) as folder:
         write_result(folder, result, provenance)
     return result.diagnosis.to_json()

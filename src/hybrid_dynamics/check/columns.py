@@ -10,12 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.check.samples import Stretch, direction
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 GRAVITY = 9.81
 
 

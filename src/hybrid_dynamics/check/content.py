@@ -11,8 +11,7 @@ from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.samples import CUTOFF_SHARE
 from hybrid_dynamics.differentiate.butterworth import lowpass
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Range [rad or m] that a joint must cover to count as moving.
 MOVING = 0.02

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.check.columns import Columns
 from hybrid_dynamics.check.forms import explain
 from hybrid_dynamics.check.samples import Stretch
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 #: Largest delay [s] that is looked for; shorter where the runs are short.
 LONGEST = 0.6
 

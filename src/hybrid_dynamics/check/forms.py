@@ -11,12 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from hybrid_dynamics.check.columns import Columns
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Shares below this are model error in any case: nothing is gained there.
 FLOOR = 0.01

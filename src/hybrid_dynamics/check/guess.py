@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from hybrid_dynamics.check.columns import columns_of
 from hybrid_dynamics.check.forms import Forms
 from hybrid_dynamics.check.samples import Stretch
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Prices, in units of the natural logarithm of a joint's mean square: one sign, another order (for each column that is
 #: not in its place), another mounting, another clock.

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: A joint with limits beyond this [rad] is in degrees, or the log is of another robot; one that turns on and on, later.
 MAX_ANGLE, MAX_TURNING = 6 * np.pi, 12 * np.pi

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.check.columns import Columns, columns_of, standing
 from hybrid_dynamics.check.cures import exchanged, reordered, turned
@@ -17,8 +16,7 @@ from hybrid_dynamics.check.guess import SAME_MOUNTING, Guess, angle, best_guess
 from hybrid_dynamics.check.samples import Stretch, stretches
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: A joint counts as explained where a guess leaves less than this share of its torque's mean square.
 EXPLAINED = 0.6

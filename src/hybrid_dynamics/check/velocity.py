@@ -12,8 +12,7 @@ from hybrid_dynamics.check.findings import Finding, Severity
 from hybrid_dynamics.check.samples import CUTOFF, CUTOFF_SHARE, KEPT, TRIM
 from hybrid_dynamics.differentiate.butterworth import lowpass
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 DEGREES = 180 / np.pi
 #: A joint is judged where its speed [rad/s] and its range [rad] are at least this much.

@@ -72,8 +72,8 @@ def run(args: argparse.Namespace) -> int:
         args.ignore_dynamics,
     )
     files.check()
-    with console.progress() as tell:
-        diagnosis = close_files(files, tell, console.note)
+    with console.progress() as progress:
+        diagnosis = close_files(files, progress, console.note)
     _tell(console, diagnosis, args.out)
     return 0
 

@@ -12,11 +12,12 @@ import contextlib
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
-Tell = Callable[[str, float], None]
+if TYPE_CHECKING:
+    from hybrid_dynamics.types import Progress
 
 #: What an ASCII terminal shows in place of signs it does not have.
 _PLAIN = {
@@ -69,10 +70,10 @@ class Console:
             self.say(("  " + "  ".join(cells)).rstrip())
 
     @contextmanager
-    def progress(self) -> Iterator[Tell]:
-        """Yield ``tell(stage, share)``: a bar on a terminal, a line a stage elsewhere (logs, CI), nothing if quiet."""
+    def progress(self) -> Iterator[Progress]:
+        """Yield ``progress(share, what)``: a bar on a terminal, a line a step elsewhere, nothing if quiet."""
         if self.quiet:
-            yield lambda stage, share: None
+            yield lambda share, what: None
         elif _is_terminal(sys.stderr):
             yield from _bar()
         else:
@@ -84,21 +85,22 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
-def _lines() -> Tell:
+def _lines() -> Progress:
     said = ""
 
-    def line(stage: str, share: float) -> None:
+    def line(share: float, what: str) -> None:
         nonlocal said
-        if stage != said:
-            said = stage
-            _write(sys.stderr, f"{share:4.0%} {stage}")
+        if what != said:
+            said = what
+            _write(sys.stderr, f"{share:4.0%} {what}")
 
     return line
 
 
-def _bar() -> Iterator[Tell]:
+def _bar() -> Iterator[Progress]:
     from rich.console import Console as RichConsole
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
 
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -106,9 +108,9 @@ def _bar() -> Iterator[Tell]:
         TextColumn("{task.percentage:>3.0f}%"),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
+    with Bars(*columns, console=RichConsole(stderr=True), transient=True) as bar:
         task = bar.add_task("reading the logs", total=1.0)
-        yield lambda stage, share: bar.update(task, description=visible(stage), completed=share)
+        yield lambda share, what: bar.update(task, description=visible(what), completed=share)
 
 
 def _is_terminal(stream: TextIO) -> bool:

@@ -66,10 +66,18 @@ def run(args: argparse.Namespace) -> int:
     certificates = tuple(args.certificates) if args.certificates else None
     with (
         engine_of(args.engine, args.workers, args.scheduler, certificates) as engine,
-        console.progress() as tell,
+        console.progress() as progress,
     ):
         result = run_fleet(
-            entries, args.out, settings, engine, tell, console.note, form=log_form(args), force=args.force, part=part
+            entries,
+            args.out,
+            settings,
+            engine,
+            progress,
+            console.note,
+            form=log_form(args),
+            force=args.force,
+            part=part,
         )
     refused = [outcome for outcome in result.outcomes if outcome.state == "refused"]
     value = {

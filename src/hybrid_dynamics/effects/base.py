@@ -35,8 +35,8 @@ from hybrid_dynamics.effects.sign import presliding_sign
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, Scope, Settings, State, Variable
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 #: ``torque(q, dq, load=None, ddq=None, time=None) -> (T, n)`` [N m].
 StateTorque = Callable[..., Array]
 

@@ -17,8 +17,7 @@ from hybrid_dynamics.effects.sign import WIDTH, sign_of
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 OF, CONSTANT = "of", "time_constant"
 OFFSET, COULOMB, VISCOUS = "offset", "coulomb", "viscous"

@@ -17,8 +17,7 @@ from hybrid_dynamics.effects.base import ONLY_RUN, Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, State
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 INTERVALS = "intervals"
 #: A contact lasts at least this long [s], covers at most this share of a run, and stands out by so many deviations.

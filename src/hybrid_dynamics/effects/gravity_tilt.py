@@ -11,13 +11,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 def base_rotation(roll: float, pitch: float) -> Array:

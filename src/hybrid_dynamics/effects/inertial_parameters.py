@@ -20,8 +20,7 @@ from hybrid_dynamics.effects.keys import joint_number, split_key
 from hybrid_dynamics.effects.state import Equivalence, Motion
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Names of the joints whose links are identified.
 LINKS = "links"

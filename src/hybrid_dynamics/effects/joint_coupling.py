@@ -18,8 +18,7 @@ from hybrid_dynamics.effects.sign import WIDTH, sign_of
 from hybrid_dynamics.effects.state import Equivalence, Parameter, State
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 ROWS, SIGN_OF = "rows", "sign_of"
 OWN, BOTH = "own", "both"

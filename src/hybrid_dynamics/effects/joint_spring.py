@@ -18,8 +18,7 @@ from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Settings, State
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 SHAPE, KNOTS = "shape", "knots"
 LINEAR, SINE, PIECEWISE = "linear", "sine", "piecewise"

@@ -17,8 +17,7 @@ from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.inertia import link_parameters, links_with_mass, to_body, to_dynamic
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 _AXES = ("com_x", "com_y", "com_z")
 

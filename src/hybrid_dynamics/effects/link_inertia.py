@@ -24,8 +24,7 @@ from hybrid_dynamics.effects.inertia import (
 )
 from hybrid_dynamics.effects.state import Equivalence, Motion
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @register

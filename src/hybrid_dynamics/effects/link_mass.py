@@ -16,8 +16,7 @@ from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.inertia import link_parameters, links_with_mass
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Share of its mass that a link keeps at least.
 _LEAST = 0.02

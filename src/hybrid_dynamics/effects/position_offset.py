@@ -6,13 +6,11 @@ The columns are the derivative of the rigid-body torque with respect to the join
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 _STEP = 1e-4  # rad: the difference is exact to 1e-8 of the torque, far above rounding
 

@@ -16,11 +16,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.state import Settings
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 WIDTH, SIGN_DISPLACEMENT = "sign_width", "sign_displacement"
 

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 Settings = tuple[tuple[str, Any], ...]
 Scope = Literal["joint", "link", "robot"]
 Variable = Literal["time", "q", "dq", "ddq", "load"]

@@ -18,8 +18,6 @@ from hybrid_dynamics.effects.state import Parameter, State
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
 
-Array = NDArray[np.float64]
-
 EXPRESSION = "expression"
 
 

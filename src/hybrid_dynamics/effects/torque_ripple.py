@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects.base import Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, State
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 HARMONIC = "harmonic"
 #: Harmonics a joint is offered at most, and how far their power must stand out of the median of the spectrum.

@@ -12,7 +12,6 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import readings
 from hybrid_dynamics.errors import InputError
@@ -21,8 +20,7 @@ from hybrid_dynamics.export.source import Rendered, Source
 from hybrid_dynamics.export.terms import Terms
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.robots.urdf import lock_joints
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Direct (stiffness, damping) reference of friction constraints: the friction of a moving joint is exactly its
 #: frictionloss, also in inverse dynamics (tried; MuJoCo's default is wrong by up to twice the friction).

@@ -12,7 +12,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.export import mjcf
@@ -21,9 +20,7 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
-
+from hybrid_dynamics.types import Array
 
 #: Impedance of dry friction: the softer it is, the faster a joint that should stick creeps under load.
 HARDEST = 0.9999

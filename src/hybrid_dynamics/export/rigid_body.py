@@ -13,12 +13,9 @@ from typing import Any
 import casadi as cs
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from hybrid_dynamics.export.body import BodyNumbers, joint_axis
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
 
 #: Entries of a rotation or an axis this close to a whole number are rounding (cos of pi/2, say), not geometry.
 ROUNDING = 1e-15

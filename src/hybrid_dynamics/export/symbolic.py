@@ -13,7 +13,6 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, State, family, plant, readings
 from hybrid_dynamics.export.body import BodyNumbers
@@ -21,8 +20,7 @@ from hybrid_dynamics.export.rigid_body import inverse_dynamics
 from hybrid_dynamics.export.rigid_body import symbols as body_symbols
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.uncertainty import uncertain_parameters
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Step of the central differences of body parameters, relative to their standard errors.
 _STEP = 1e-3

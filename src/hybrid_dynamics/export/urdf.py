@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.inertia import INERTIA_ENTRIES, is_physical, to_body, to_dynamic
 from hybrid_dynamics.export.body import BodyNumbers
 from hybrid_dynamics.export.source import Rendered, Source
 from hybrid_dynamics.export.xml_text import Node, XmlText
 from hybrid_dynamics.robots.urdf import MOVABLE
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Smallest share that can be given to the links fixed to a moving one, searched by halving this often.
 _HALVINGS = 40

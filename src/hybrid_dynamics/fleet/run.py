@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,9 @@ from hybrid_dynamics.fleet.tables import TABLES, write_tables
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.readers.description import LogDescription
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.types import Notify, Progress
 
 RUNS, MARK = "runs", "fleet.json"
-Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ def run_fleet(
     out: Path,
     settings: LoopSettings | None = None,
     engine: Engine | None = None,
-    tell: Tell | None = None,
-    note: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
+    note: Notify | None = None,
     *,
     form: LogDescription | None = None,
     force: bool = False,
@@ -97,8 +97,8 @@ def run_fleet(
     outcomes: dict[int, Outcome] = {}
     for k, outcome in (engine or Local()).unordered(run_one, jobs):
         outcomes[k] = outcome
-        if tell is not None:
-            tell(f"{outcome.name}: {outcome.state}", len(outcomes) / len(jobs))
+        if progress is not None:
+            progress(len(outcomes) / len(jobs), f"{outcome.name}: {outcome.state}")
         if note is not None and outcome.why:
             note(f"{outcome.name}: {outcome.why}")
     ordered = tuple(outcomes[k] for k in range(len(jobs)))

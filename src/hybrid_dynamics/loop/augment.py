@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.tangents import covariance_with_settings
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 def effects_of(evidence: Evidence, terms: Sequence[Term], x: Array, covariance: Array | None = None) -> list[Effect]:

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.types import Array
 
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingRegressor
 
-Array = NDArray[np.float64]
 
 #: Rows that one fit sees at most, iterations, leaves of a tree.
 MOST_ROWS, ITERATIONS, LEAVES = 6000, 150, 15

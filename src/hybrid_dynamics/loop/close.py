@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from importlib import import_module
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hybrid_dynamics.check import checked
@@ -24,9 +23,7 @@ from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
+from hybrid_dynamics.types import Progress
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ def close_loop(
             list(test),
             settings or LoopSettings(),
             start or Model(robot),
-            progress or (lambda stage, share: None),
+            progress or (lambda share, what: None),
         )
 
 
@@ -96,23 +93,23 @@ def _close(
     test: list[Trajectory],
     settings: LoopSettings,
     base: Model,
-    tell: Progress,
+    progress: Progress,
 ) -> LoopResult:
     if not train:
         raise InputError("no training run is given; expected at least one log with positions and torques")
-    tell("looking at the logs", 0.0)
+    progress(0.0, "looking at the logs")
     plausible = checked(base, train, test)
-    tell("reading the motion", 0.05)
+    progress(0.05, "reading the motion")
     logs = read_motion(base.completed_robot, plausible.train, plausible.test, settings)
 
-    tell("computing what each effect would do", 0.15)
+    progress(0.15, "computing what each effect would do")
     judge, terms, notes = gather(base, logs, settings)
 
-    tell("tracing", 0.3)
-    found = find(judge, terms, _counted(tell, 0.3, 0.8))
+    progress(0.3, "tracing")
+    found = find(judge, terms, _counted(progress, 0.3, 0.8))
     judge = found.judge
 
-    tell("asking the test runs", 0.8)
+    progress(0.8, "asking the test runs")
     full = found.model(found.terms)
     said = confirm(judge, base, full, found, logs.test)
     runs = [*logs.train, *logs.test]
@@ -120,12 +117,12 @@ def _close(
     mask = [*judge.evidence.mask, *(run.mask for run in logs.test)]
     floor = examine(runs, left, mask, resolution(logs.train, settings), settings)
 
-    tell("describing what is left", 0.9)
+    progress(0.9, "describing what is left")
     notes = [*plausible.notes, *logs.notes, *notes, *found.notes]
     diagnosis, stages = describe_result(judge, base, terms, found, full, said, floor, logs, notes)
     after = diagnosis.error_moving["test"].after_confirmed
     assert after is not None
-    tell("done", 1.0)
+    progress(1.0, "done")
     return LoopResult(
         said.model.with_misfit(after.rmse),
         full,
@@ -138,7 +135,7 @@ def _close(
     )
 
 
-def _counted(tell: Progress, low: float, high: float) -> Callable[[Step], None]:
+def _counted(progress: Progress, low: float, high: float) -> Callable[[Step], None]:
     """Progress that comes closer to ``high`` with every step of a search whose length nobody knows."""
     count = 0
 
@@ -146,6 +143,6 @@ def _counted(tell: Progress, low: float, high: float) -> Callable[[Step], None]:
         nonlocal count
         count += 1
         what = "" if step.term is None else f" {step.term.effect}"
-        tell(f"{step.action}{what}", high - (high - low) * float(np.exp(-count / 40)))
+        progress(high - (high - low) * float(np.exp(-count / 40)), f"{step.action}{what}")
 
     return report

@@ -20,8 +20,7 @@ from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.model import Model, effect_from_json, effect_to_json, load_schema
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.metrics import torque_errors
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Significant digits of every number: enough for any use, few enough to be the same on every run.
 DIGITS = 9

@@ -22,9 +22,7 @@ from hybrid_dynamics.loop.physics import physical_constraints
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
-
-Array = NDArray[np.float64]
-
+from hybrid_dynamics.types import Array
 
 Indices = NDArray[np.int_]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from hybrid_dynamics.effects import Effect, predict, readings
@@ -16,7 +15,6 @@ from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.references import derive_seed
 from hybrid_dynamics.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 FREQUENCIES = (0.1, 0.23, 0.41, 0.67, 1.03)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
@@ -19,8 +18,7 @@ from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.search import Step, choose_signs, search
 from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.loop.trace import Judge
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: A joint whose held-out mean square exceeds that of the floor by this share has something left to find.
 LEFT = 0.25

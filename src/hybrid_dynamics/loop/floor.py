@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from hybrid_dynamics.loop.blackbox import holm, learnable, state_features
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: A residual that is noise has forgotten itself after this many windows of the filter.

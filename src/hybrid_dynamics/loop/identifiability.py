@@ -13,8 +13,8 @@ from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Place, overlap, pairs
 from hybrid_dynamics.loop.trace import FEWEST_ROWS, Judge, covers, same_place
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 #: A rival must be able to make at least this share of the effect's torque by itself.
 LIKENESS = 0.3
 #: Parameters of two runs that differ by less than this share are the same: drive gains are no better known.

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 #: Family and joint of a term, whatever its settings.
 Place = tuple[str, int | None]
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import jsonschema
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Readings, StateTorque, Term, family, plant, readings, split_key
 from hybrid_dynamics.effects.plant import predict_planted
@@ -21,8 +20,7 @@ from hybrid_dynamics.files import json_text, write_text
 from hybrid_dynamics.loop.provenance import check_identity, identity_of
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.strict_json import read_json
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.process import Run
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: From hardly any to hardly a model: where little is left, a free fit goes astray on motions it has not seen.
 _RIDGES = (1e-9, 1e-7, 1e-5, 1e-3, 1e-1, 1e1, 1e3)

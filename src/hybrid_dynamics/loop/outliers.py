@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, label
 
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: A sample departs where the residual exceeds this many robust standard deviations of its joint.
 DEPARTURE = 6.0

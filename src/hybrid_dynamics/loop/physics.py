@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.solve import Constraints
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Shares of a joint's fastest speed at which its viscous terms together must oppose the motion.
 _SPEEDS = np.linspace(0.1, 1.0, 10)

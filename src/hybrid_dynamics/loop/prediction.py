@@ -24,9 +24,7 @@ from hybrid_dynamics.loop.uncertainty import Uncertainty
 from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import resample
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
-Notify = Callable[[str], None]
+from hybrid_dynamics.types import Array, Notify
 
 RIGID_BODY = "rigid_body"
 #: Ends of a run, in periods of the cut-off: how much the cubic is fitted to, and how far it is continued. Of windows

@@ -20,8 +20,7 @@ from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.trace import FEWEST_ROWS, Judge, same_place
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: How far the filters carry a moment to either side, in periods of their cut-off.
 OUTLIER_REACH = 2.0

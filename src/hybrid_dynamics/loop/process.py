@@ -20,8 +20,7 @@ from hybrid_dynamics.effects import Motion
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import ONLY_RUN
 from hybrid_dynamics.loop.identifiability import fit_alone
 from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.trace import FEWEST_ROWS, Judge, same_place
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Of the excess over the floor, the share that parameters per run must remove before runs are said to disagree.
 DECISIVE = 0.5

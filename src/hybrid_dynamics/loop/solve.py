@@ -12,12 +12,10 @@ from dataclasses import dataclass, field
 
 import clarabel
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from hybrid_dynamics.effects.inertia import pseudo_inertia_basis
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 _BASIS = pseudo_inertia_basis()
 #: Smallest eigenvalue (kg, kg m^2) of a fitted pseudo-inertia: inside, beyond the solver's tolerance.

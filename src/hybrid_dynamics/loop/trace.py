@@ -18,8 +18,7 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import Evidence, Held, term_order
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.settings import LoopSettings
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 #: Rows that the correlation is computed from, about; parameters it is computed for, at most.
 _ROWS, _MOST_PARAMETERS, _PRIOR = 5_000, 150, 1e-9
 

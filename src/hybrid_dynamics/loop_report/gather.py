@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, family
 from hybrid_dynamics.loop.close import LoopResult
@@ -14,8 +13,7 @@ from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop_report.content import KINDS, Candidate, Content, Curve, Group, SearchStep, Trace
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Points of a curve and of a torque plot, held-out runs whose torque is drawn, joints drawn for a whole-robot effect.
 CURVE_POINTS, TRACE_POINTS, TRACE_RUNS, ROBOT_JOINTS = 600, 1200, 3, 3

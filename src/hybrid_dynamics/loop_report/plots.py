@@ -11,12 +11,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.loop_report.bokeh_json import Drawing, blank, plain
 from hybrid_dynamics.loop_report.content import AXES, Curve, Trace
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 BEFORE, AFTER, BAND = "#d55e00", "#0072b2", "#56b4e9"
 RUN_COLOURS = ("#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d1f", "#999999")

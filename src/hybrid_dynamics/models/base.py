@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -11,7 +10,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.features import FEATURES
-from hybrid_dynamics.types import Array
+from hybrid_dynamics.types import Array, Progress
 
 if TYPE_CHECKING:
     import sympy as sp
@@ -56,7 +55,7 @@ class LayerEstimator(Estimator, Protocol):
 
     settings_type: ClassVar[type]
 
-    def __init__(self, settings: Any = None, progress: Callable[..., Any] | None = None) -> None: ...
+    def __init__(self, settings: Any = None, progress: Progress | None = None) -> None: ...
 
     def document(self, weights: Weights, path: str) -> dict[str, Any]:
         """What was learned, as JSON values; large arrays go into ``weights`` under names that begin with ``path``."""

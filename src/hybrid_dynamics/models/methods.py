@@ -8,7 +8,7 @@ so that a program that needs none of them does not load PyTorch.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from types import MappingProxyType
@@ -17,6 +17,7 @@ from typing import Any, Literal
 from hybrid_dynamics.errors import ConfigError, require
 from hybrid_dynamics.models.base import Estimator, HybridEstimator, LayerEstimator, RigidBody
 from hybrid_dynamics.models.factor import Factor
+from hybrid_dynamics.types import Progress
 
 #: ``torque``: its expression is the torque; ``residual``: what it adds to the rigid body; ``physical``: parameters of a
 #: physical law; ``reference``: nothing learned (the start, and the truth of a simulated twin).
@@ -210,7 +211,7 @@ def build_estimator(
     settings: Mapping[str, Any] | None = None,
     *,
     base: Estimator | None = None,
-    progress: Callable[..., Any] | None = None,
+    progress: Progress | None = None,
 ) -> Estimator:
     """The estimator of ``method``, not fitted. Raises :class:`ConfigError` for an unknown name.
 

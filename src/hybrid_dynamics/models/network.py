@@ -8,7 +8,7 @@ torch is imported where it is used: it takes seconds, and Julia (PySR) must be s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -19,12 +19,11 @@ from sklearn.base import BaseEstimator, RegressorMixin
 
 from hybrid_dynamics.errors import needs_extra, require
 from hybrid_dynamics.models.base import Weights, check_data, check_features
-from hybrid_dynamics.types import Array
+from hybrid_dynamics.types import Array, Progress
 
 if TYPE_CHECKING:
     import torch
 
-Progress = Callable[[int, int, float], None]
 
 _PREDICT_ROWS = 16_384
 #: The order of summation follows the number of threads, so it is fixed: the same weights on every machine. One, since
@@ -86,7 +85,7 @@ class NetworkEstimator(RegressorMixin, BaseEstimator):
         self.progress = progress
 
     def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self:
-        """Train on ``X`` (N, 7n), ``y`` (N, n) [N m]; same seed, same weights. ``progress(epoch, epochs, loss)``."""
+        """Train on ``X`` (N, 7n), ``y`` (N, n) [N m]; same seed, same weights."""
         torch = _torch()
         X, y = check_data(X, y)
         settings = self.settings or NetworkSettings()
@@ -109,7 +108,7 @@ class NetworkEstimator(RegressorMixin, BaseEstimator):
                     total += value.detach() * len(batch)
                 self.losses_.append(float(total) / len(inputs))
                 if self.progress is not None:
-                    self.progress(epoch, settings.epochs, self.losses_[-1])
+                    self.progress(epoch / settings.epochs, f"mean squared error {self.losses_[-1]:.3g} N²m²")
         self.weights_ = {name: value.detach().numpy().copy() for name, value in network.state_dict().items()}
         return self
 

@@ -8,7 +8,7 @@ p + n rows. R comes from moments summed chunk by chunk (:mod:`.moments`); the li
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -23,7 +23,7 @@ from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models.base import Weights, check_data, check_features
 from hybrid_dynamics.models.factor import Factor
 from hybrid_dynamics.models.moments import CACHED_ROWS, Chunk, InMemory, factors_of, moments, monomials
-from hybrid_dynamics.types import Array
+from hybrid_dynamics.types import Array, Progress
 
 if TYPE_CHECKING:
     import sympy as sp
@@ -99,7 +99,7 @@ class SindyEstimator(RegressorMixin, BaseEstimator):
     settings_type: ClassVar[type] = SindySettings
     engine = "stlsq"
 
-    def __init__(self, settings: SindySettings | None = None, progress: Callable[..., Any] | None = None) -> None:
+    def __init__(self, settings: SindySettings | None = None, progress: Progress | None = None) -> None:
         self.settings = settings
         self.progress = progress
 

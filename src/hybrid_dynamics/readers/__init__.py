@@ -2,10 +2,11 @@
 
 from hybrid_dynamics.readers.description import LogDescription, PerJoint, describe, from_options, load_description
 from hybrid_dynamics.readers.log import import_log, read_log, read_pieces, read_raw
-from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample
+from hybrid_dynamics.readers.resample import ResampleSettings, resample
 from hybrid_dynamics.readers.table import write_log
 from hybrid_dynamics.readers.ur10e import Ur10eSettings, read_ur10e
 from hybrid_dynamics.readers.wam import read_wam, read_wam_reference
+from hybrid_dynamics.types import Notify
 
 __all__ = [
     "LogDescription",

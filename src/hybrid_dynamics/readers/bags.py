@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError, needs_extra
-from hybrid_dynamics.readers.resample import Notify
 from hybrid_dynamics.readers.table import check_plausible
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array, Notify
 
-Array = NDArray[np.float64]
 JOINT_STATE = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.readers.resample import Notify
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array, Notify
 
 #: Joint speed [rad/s, root of the sum of squares] below which a step says nothing of its duration.
 SLOW = 0.03

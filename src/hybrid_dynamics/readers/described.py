@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import firwin, upfirdn
 
@@ -22,11 +21,11 @@ from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.readers.clock import even_stamps, stamps_from_velocity
 from hybrid_dynamics.readers.delimited import STANDARD_INPUT, read_delimited
 from hybrid_dynamics.readers.description import SIGNALS, STACKED, LogDescription
-from hybrid_dynamics.readers.resample import Notify, ResampleSettings, uniform_step
+from hybrid_dynamics.readers.resample import ResampleSettings, uniform_step
 from hybrid_dynamics.readers.table import check_plausible, check_time, numbers_of
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array, Notify
 
-Array = NDArray[np.float64]
 #: Taps of the low-pass before decimation, per kept sample, on each side.
 TAPS = 8
 

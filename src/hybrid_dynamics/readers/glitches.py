@@ -18,8 +18,8 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import label, maximum_filter1d, median_filter, percentile_filter, uniform_filter1d
 
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Samples of the running median: three glitches in a row still leave the majority to their neighbours.

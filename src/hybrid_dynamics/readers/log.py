@@ -15,10 +15,11 @@ from hybrid_dynamics.readers.delimited import STANDARD_INPUT
 from hybrid_dynamics.readers.described import converted, read_described
 from hybrid_dynamics.readers.description import LogDescription, load_description
 from hybrid_dynamics.readers.glitches import repair, told
-from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample, uniform_step
+from hybrid_dynamics.readers.resample import ResampleSettings, resample, uniform_step
 from hybrid_dynamics.readers.table import read_raw_table, write_log
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Notify
 
 
 def read_raw(

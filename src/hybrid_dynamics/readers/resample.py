@@ -8,7 +8,6 @@ error at 10 % lost samples.)
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -18,9 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
-Notify = Callable[[str], None]
+from hybrid_dynamics.types import Array, Notify
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import atomic_path
-from hybrid_dynamics.readers.resample import Notify, ResampleSettings
+from hybrid_dynamics.readers.resample import ResampleSettings
 from hybrid_dynamics.trajectory import UNITS, Trajectory
+from hybrid_dynamics.types import Array, Notify
 
-Array = NDArray[np.float64]
 LAYOUT = "time,q1..qn[,dq1..dqn],tau1..taun"
 MAX_STEP = 0.5
 SUSPICIOUS_ANGLE = 30.0

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError, require
-from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample
+from hybrid_dynamics.readers.resample import ResampleSettings, resample
 from hybrid_dynamics.readers.rows import longest_increasing, row_ranges
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array, Notify
 
-Array = NDArray[np.float64]
 COLUMNS = 31
 JOINTS = 6
 MAX_PAUSE = 0.5

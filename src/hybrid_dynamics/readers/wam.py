@@ -6,14 +6,13 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.readers.resample import Notify, ResampleSettings, resample
+from hybrid_dynamics.readers.resample import ResampleSettings, resample
 from hybrid_dynamics.readers.rows import longest_increasing, row_ranges
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array, Notify
 
-Array = NDArray[np.float64]
 JOINTS = 7
 MAX_DROPPED = 0.01
 

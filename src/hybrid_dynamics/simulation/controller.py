@@ -11,12 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import ConfigError, require
 from hybrid_dynamics.robots import Robot
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Largest Kd T / I_eff a rollout may reach.
 RATIO_LIMIT = 0.8

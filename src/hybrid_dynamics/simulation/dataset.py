@@ -12,8 +12,9 @@ from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.controller import Controller, ControllerSettings, make_controller
 from hybrid_dynamics.simulation.effects import JointEffects
 from hybrid_dynamics.simulation.references import Reference, ReferenceSettings, derive_seed, multi_sine
-from hybrid_dynamics.simulation.rollout import Progress, Refusal, Rollout, SimulationSettings, simulate
+from hybrid_dynamics.simulation.rollout import Refusal, Rollout, SimulationSettings, simulate
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Progress
 
 log = logging.getLogger(__name__)
 

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: ``torque(q, dq, time) -> (R, n)`` [N m] with q, dq (R, n) [rad, rad/s] and time [s].
 TorqueLaw = Callable[[Array, Array, float], Array]

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 _ROUNDS, _STEPS = 8, 5
 _TOLERANCE = 1e-12

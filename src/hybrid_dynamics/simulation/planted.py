@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Family, State, family, plant, readings
 from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH
@@ -21,8 +20,7 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.effects import JointEffects
 from hybrid_dynamics.simulation.sensors import SensorSettings
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 _TINY = 1e-9
 #: Width [rad/s] over which a sign of another joint's speed, or of a sum, turns over: no stick is solved for it.

@@ -7,7 +7,7 @@ time, q and dq at instant k and the torque held from there on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,9 +20,7 @@ from hybrid_dynamics.simulation.controller import RATIO_LIMIT, Controller, effec
 from hybrid_dynamics.simulation.effects import JointEffects
 from hybrid_dynamics.simulation.friction import DrySolver
 from hybrid_dynamics.simulation.references import Reference
-
-Array = NDArray[np.float64]
-Progress = Callable[[float, str], None]
+from hybrid_dynamics.types import Array, Progress
 
 _BLOCK = 50
 _CHECK_INERTIA_EVERY = 20

@@ -18,8 +18,7 @@ from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.references import derive_seed
 from hybrid_dynamics.simulation.rollout import Rollout
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclass(frozen=True)

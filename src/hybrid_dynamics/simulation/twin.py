@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.robots import Robot
@@ -15,11 +14,11 @@ from hybrid_dynamics.simulation.controller import ControllerSettings, make_contr
 from hybrid_dynamics.simulation.dataset import run_until_accepted
 from hybrid_dynamics.simulation.effects import JointEffects, coulomb, offset, viscous
 from hybrid_dynamics.simulation.references import Reference, ReferenceSettings, derive_seed, multi_sine
-from hybrid_dynamics.simulation.rollout import Progress, Refusal, Rollout, SimulationSettings, simulate
+from hybrid_dynamics.simulation.rollout import Refusal, Rollout, SimulationSettings, simulate
 from hybrid_dynamics.simulation.sensors import SensorSettings, record, true_run
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Progress
 
-Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 
 

@@ -28,11 +28,10 @@ from hybrid_dynamics.simulation import (
     SimulationSettings,
     reference_from_positions,
 )
-from hybrid_dynamics.simulation.rollout import Progress
 from hybrid_dynamics.simulation.sensors import SensorSettings
 from hybrid_dynamics.simulation.twin import DriveFriction, Recording, simulate_twin, with_armature
 from hybrid_dynamics.trajectory import Trajectory
-from hybrid_dynamics.types import Array
+from hybrid_dynamics.types import Array, Progress
 
 PACKAGE = "package:"
 SOURCE = "source:"

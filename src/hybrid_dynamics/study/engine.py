@@ -18,13 +18,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.robots.urdf import lock_joints
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Makes MuJoCo's friction loss exact Coulomb friction.
 _EXACT = (0.0, -1e9)

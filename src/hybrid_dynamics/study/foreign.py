@@ -10,14 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.effects.inertia import link_parameters, to_body, to_dynamic
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.engine import Hidden
+from hybrid_dynamics.types import Array
 
-Array = NDArray[np.float64]
 #: ``make(robot, joint, size) -> Hidden`` with a torque that grows with ``size``; a draw makes one.
 Make = Callable[[Robot, int, float], Hidden]
 Draw = Callable[[np.random.Generator], Make]

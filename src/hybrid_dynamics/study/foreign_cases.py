@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.loop.model import effect_to_json
 from hybrid_dynamics.loop.process import ProcessSettings, hann_kernel
@@ -16,8 +15,7 @@ from hybrid_dynamics.study.blind import BlindCase, BlindSettings
 from hybrid_dynamics.study.engine import Engine, Hidden, read_text, robot_of
 from hybrid_dynamics.study.foreign import KNOWN, RECIPES, UNKNOWN, scaled
 from hybrid_dynamics.study.mujoco_log import LogSettings, coloured, make_mujoco_log, motions_of, read
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Of how many hidden causes a case consists (drawn evenly), and the colours, rates and lengths it may have.
 _COUNTS = (1, 1, 2, 3, 4)

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, lfilter, sosfilt
 
@@ -17,8 +16,7 @@ from hybrid_dynamics.simulation.references import ReferenceSettings, derive_seed
 from hybrid_dynamics.study.engine import NATIVE, Engine, Hidden, read_text
 from hybrid_dynamics.study.outside import LAWS, READINGS, Course
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 NOISES = ("none", "white", "ar1", "pink", "lowpass", "quantised")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -25,9 +25,7 @@ from hybrid_dynamics.models.expressions import (
 from hybrid_dynamics.models.symbolic.registry import make_engine
 from hybrid_dynamics.models.symbolic.search import symbolic_regression
 from hybrid_dynamics.models.symbolic.settings import FrontRow, SymbolicResult, SymbolicSettings
-from hybrid_dynamics.types import Array
-
-Progress = Callable[[int, int], None]
+from hybrid_dynamics.types import Array, Progress
 
 
 class SymbolicEstimator(RegressorMixin, BaseEstimator):
@@ -45,8 +43,8 @@ class SymbolicEstimator(RegressorMixin, BaseEstimator):
     def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self:
         """Search for ``y`` (N, n) over ``X`` (N, 7n); ``variance`` (n,) of the whole torque sets what is worth a term.
 
-        ``settings.workers`` joints at once; each joint's result depends on its own seed only. ``progress(done,
-        all)`` counts rounds; a joint that needs fewer than allowed counts as if it had taken them all.
+        ``settings.workers`` joints at once; each joint's result depends on its own seed only. ``progress``
+        counts rounds; a joint that needs fewer than allowed counts as if it had taken them all.
         """
         X, y = check_data(X, y)
         settings = self.settings or SymbolicSettings()
@@ -60,7 +58,8 @@ class SymbolicEstimator(RegressorMixin, BaseEstimator):
         def note(j: int, number: int) -> None:
             rounds[j] = number
             if self.progress is not None:
-                self.progress(sum(rounds), settings.max_rounds * self.n_joints_)
+                whole = settings.max_rounds * self.n_joints_
+                self.progress(sum(rounds) / whole, f"round {sum(rounds)} of {whole}")
 
         def search(j: int) -> SymbolicResult:
             result = symbolic_regression(

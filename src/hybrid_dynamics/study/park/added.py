@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from hybrid_dynamics.effects import Effect, Motion, Term, family
@@ -25,8 +24,7 @@ from hybrid_dynamics.loop.process import ProcessSettings, Run, derivative, proce
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.references import derive_seed
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 #: Effect and joints.
 Place = tuple[str, tuple[str, ...]]

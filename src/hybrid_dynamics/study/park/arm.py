@@ -30,8 +30,7 @@ from hybrid_dynamics.study.park.black_box import corrections
 from hybrid_dynamics.study.park.regimes import REGIMES, regime_of
 from hybrid_dynamics.study.park.tables import COLUMNS, PARAMETER_COLUMNS, REGIME_COLUMNS
 from hybrid_dynamics.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 
 @dataclass(frozen=True)

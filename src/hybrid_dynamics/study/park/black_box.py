@@ -15,8 +15,7 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 
 from hybrid_dynamics.loop.blackbox import state_features
 from hybrid_dynamics.loop.process import Run
-
-Array = NDArray[np.float64]
+from hybrid_dynamics.types import Array
 
 ITERATIONS = 150
 #: Single runs are cut into this many stretches, several runs are held out one by one.

@@ -8,7 +8,6 @@ from scipy.ndimage import maximum_filter1d
 
 from hybrid_dynamics.loop.process import Run
 
-Array = NDArray[np.float64]
 REGIMES = ("standing", "reversal", "slow", "fast")
 
 

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from hybrid_dynamics.study.sources.settings import SUPPORT, SourceFile, SourceSe
 from hybrid_dynamics.study.sources.source import MIRROR_VARIABLE, DataSource, Located
 from hybrid_dynamics.study.sources.verify import copy_and_digest
 from hybrid_dynamics.trajectory import ABSENT, RECORDED, SIMULATED_TWIN
+from hybrid_dynamics.types import Notify
 
 MODES = ("auto", "recorded", "twin")
 SOURCE_FILE = "source.json"
@@ -46,7 +47,7 @@ def fetch(
     source: DataSource,
     target_dir: str | os.PathLike[str],
     mode: str = "auto",
-    notify: Callable[[str], None] = say,
+    notify: Notify = say,
     was_recorded: bool = False,
 ) -> SourceReport:
     """Copy the verified files of ``source`` into ``target_dir`` (replaced as a whole) with a ``source.json``.

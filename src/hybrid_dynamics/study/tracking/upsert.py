@@ -6,7 +6,7 @@ import fcntl
 import logging
 import os
 import sqlite3
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.study.tracking.location import Store, git_revision
 from hybrid_dynamics.study.tracking.records import RunRecord
+from hybrid_dynamics.types import Notify
 
 DIGEST_TAG = "result_digest"
 #: ``true`` on the newest run of a dataset and method: filter the comparison by it.
@@ -50,7 +51,7 @@ def known_digests(store: Store) -> set[str]:
 def upsert(
     records: Sequence[RunRecord],
     store: Store,
-    notify: Callable[[str], None] = print,
+    notify: Notify = print,
     code: str | os.PathLike[str] = ".",
 ) -> list[RunRecord]:
     """Log every record whose digest is not logged yet; returns those that were. ``code`` is the checkout that ran."""
