@@ -87,10 +87,10 @@ def run_one(name: str, rows: int, counts: int, alpha: float) -> None:
 
 def chosen_alpha(rows: int, counts: int) -> float:
     """The alpha that the data choose for the velocity."""
-    from hybrid_dynamics.differentiate import get_method
+    from hybrid_dynamics.differentiate import get_differentiator
     from hybrid_dynamics.differentiate.choice import Choice
 
-    return Choice(measured(rows, counts)[:, 0], DT).next(get_method("total_variation"))
+    return Choice(measured(rows, counts)[:, 0], DT).next(get_differentiator("total_variation"))
 
 
 def compare(rows: int, limit: float, counts: int) -> None:
@@ -139,7 +139,7 @@ def scaling(alpha: float) -> None:
 
 
 def errors(rows: int, joints: int) -> None:
-    from hybrid_dynamics.differentiate import METHODS, derivative_errors
+    from hybrid_dynamics.differentiate import DIFFERENTIATORS, derivative_errors
     from hybrid_dynamics.trajectory import Trajectory
 
     axis = DT * np.arange(rows)
@@ -149,7 +149,7 @@ def errors(rows: int, joints: int) -> None:
     print(f"{'encoder':>10} {'method':16}" + "".join(f"{name:>26}" for name in names[1:]) + f"{'seconds':>10}")
     for counts in COUNTS:
         noisy = Trajectory("noisy", "test", axis, {"q": measured(rows, counts, joints)})
-        for method in METHODS:
+        for method in DIFFERENTIATORS:
             start = time.perf_counter()
             table = [row for row in derivative_errors(truth, noisy, [method]) if row["joint"] == "all"]
             cells = "".join(

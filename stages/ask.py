@@ -8,7 +8,7 @@ from hybrid_dynamics.loop import LoopSettings, close_loop, load_model
 from hybrid_dynamics.loop_report.output import write_result
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.config import load_params, section
-from hybrid_dynamics.study.datasets import ReaderSettings, Run, TwinSettings, read_run, twin_runs
+from hybrid_dynamics.study.datasets import ReaderSettings, RecordedRun, TwinSettings, read_run, twin_runs
 from hybrid_dynamics.study.sources import read_source
 from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN, Trajectory
 from stages.common import dataset_argument, progress_bar
@@ -19,12 +19,12 @@ def main() -> None:
     params = load_params()
     name = f"dataset.{files.dataset}"
     settings = section(params, "loop", LoopSettings)
-    questions = section(params, f"{name}.questions", dict[str, list[Run]])
+    questions = section(params, f"{name}.questions", dict[str, list[RecordedRun]])
     robot = Robot.from_urdf(files.robot)
     start = load_model(files.model("loop") / "model.json", robot)
     recorded = read_source(files.source)["provenance"] == RECORDED
 
-    def log(run: Run, question: str) -> list[Trajectory]:
+    def log(run: RecordedRun, question: str) -> list[Trajectory]:
         if recorded:
             return read_run(section(params, f"{name}.reader", ReaderSettings), run, files.source, robot, print)
         twin = replace(section(params, f"{name}.twin", TwinSettings), follow=())

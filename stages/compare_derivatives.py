@@ -9,7 +9,7 @@ from hybrid_dynamics.errors import require, run_main
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.config import load_params, section
-from hybrid_dynamics.study.datasets import RobotSettings, Run, TwinSettings, robot_description, twin_runs
+from hybrid_dynamics.study.datasets import RecordedRun, RobotSettings, TwinSettings, robot_description, twin_runs
 from stages.common import dataset_argument, progress_bar
 
 WORKERS = 2
@@ -32,7 +32,7 @@ def main() -> None:
     dataset = f"dataset.{files.dataset}"
     study = section(params, "derivative_study", StudySettings)
     twin = section(params, f"{dataset}.twin", TwinSettings)
-    run = section(params, f"{dataset}.runs", list[Run])[0]
+    run = section(params, f"{dataset}.runs", list[RecordedRun])[0]
     robot = Robot.from_text(robot_description(section(params, f"{dataset}.robot", RobotSettings)), files.dataset)
     with progress_bar("derivatives: simulating") as progress:
         one = replace(twin, follow=twin.follow[:1])

@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
-from hybrid_dynamics.differentiate.registry import METHODS as METHODS_OF_MOTION
+from hybrid_dynamics.differentiate.registry import DIFFERENTIATORS
 from hybrid_dynamics.differentiate.settings import ZOH, DifferentiateSettings
 from hybrid_dynamics.errors import ConfigError, run_main
 from hybrid_dynamics.files import atomic_path
@@ -64,7 +64,7 @@ def defaults() -> dict[str, dict[str, Any]]:
         "simulation/default.yaml": simulation,
         "twin/default.yaml": {**simulation, "sensors": plain(SensorSettings()), "follow": [], "follow_period": 1e-3},
         "reader/ur10e.yaml": {"format": "ur10e", "ur10e": plain(Ur10eSettings())},
-        **{f"differentiate/{name}.yaml": plain(DifferentiateSettings(name)) for name in (ZOH, *METHODS_OF_MOTION)},
+        **{f"differentiate/{name}.yaml": plain(DifferentiateSettings(name)) for name in (ZOH, *DIFFERENTIATORS)},
     } | {
         files.get(name, f"{name}/{'paper' if name == 'nn' else 'default'}.yaml"): plain(layer.settings())
         for name, layer in layers.items()

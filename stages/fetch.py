@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.study.config import load_params, section
-from hybrid_dynamics.study.datasets import RobotSettings, Run
+from hybrid_dynamics.study.datasets import RecordedRun, RobotSettings
 from hybrid_dynamics.study.layout import RAW
 from hybrid_dynamics.study.own_logs import take_in
 from hybrid_dynamics.study.sources import DataSource, SourceSettings, fetch
@@ -33,7 +33,7 @@ def main() -> None:
         source = DataSource(settings, raw_dir=raw_folder())
         fetch(source, files.source, mode=section(params, "source", str), was_recorded=was_recorded)
         return
-    runs = section(params, f"{name}.runs", list[Run])
+    runs = section(params, f"{name}.runs", list[RecordedRun])
     take_in(files.dataset, section(params, f"{name}.robot", RobotSettings), runs, files.source)
     print(f"{files.dataset}: {len(runs)} logs taken in")
 

@@ -9,7 +9,7 @@ from hybrid_dynamics.loop import LoopSettings, close_loop
 from hybrid_dynamics.loop_report.output import write_result
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.config import load_params, section
-from hybrid_dynamics.study.datasets import ReaderSettings, RobotSettings, Run, read_run, robot_description
+from hybrid_dynamics.study.datasets import ReaderSettings, RecordedRun, RobotSettings, read_run, robot_description
 from hybrid_dynamics.study.park import ParkSettings, judge_arm
 from hybrid_dynamics.study.sources import read_source
 from hybrid_dynamics.trajectory import RECORDED, write_trajectories
@@ -31,7 +31,7 @@ def main() -> None:
         write_text(temporary / "robot.urdf", text)
         robot = Robot.from_urdf(temporary / "robot.urdf")
         reader = section(params, f"{name}.reader", ReaderSettings)
-        runs = section(params, f"{name}.runs", list[Run])
+        runs = section(params, f"{name}.runs", list[RecordedRun])
         logs = [part for run in runs for part in read_run(reader, run, files.source, robot, print)]
         write_trajectories(temporary / "trajectories.parquet", logs, summary)
         train, test = ([log for log in logs if log.split == split] for split in ("train", "test"))

@@ -6,8 +6,8 @@ from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.study.datasets import (
     ReaderSettings,
+    RecordedRun,
     RobotSettings,
-    Run,
     TwinSettings,
     read_run,
     robot_description,
@@ -23,7 +23,7 @@ def main() -> None:
     params = load_params()
     name = f"dataset.{files.dataset}"
     source = read_source(files.source)
-    runs = section(params, f"{name}.runs", list[Run])
+    runs = section(params, f"{name}.runs", list[RecordedRun])
     write_text(files.robot, robot_description(section(params, f"{name}.robot", RobotSettings), files.source))
     robot = Robot.from_urdf(files.robot)
     if source["provenance"] == RECORDED:

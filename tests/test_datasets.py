@@ -11,10 +11,10 @@ from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.twin import DriveFriction
 from hybrid_dynamics.study.config import convert, load_params, section
 from hybrid_dynamics.study.datasets import (
-    Payload,
+    CarriedBody,
     ReaderSettings,
+    RecordedRun,
     RobotSettings,
-    Run,
     StudySimulation,
     TwinSettings,
     read_run,
@@ -58,7 +58,7 @@ def check_recorded(name, robot):
     """The paths its source pins; every file that it reads must be among them."""
     reader = section(PARAMS, f"dataset.{name}.reader", ReaderSettings)
     source = section(PARAMS, f"dataset.{name}.source", SourceSettings)
-    runs = section(PARAMS, f"dataset.{name}.runs", list[Run])
+    runs = section(PARAMS, f"dataset.{name}.runs", list[RecordedRun])
     files = {file.path for file in source.files}
     read = {robot.urdf.removeprefix("source:")} if robot.urdf.startswith("source:") else set()
     for run in runs:
@@ -75,7 +75,7 @@ def check_recorded(name, robot):
 
 def test_payload_weighs_what_it_says(ur10):
     """At rest the torque it adds is mass times gravity times the horizontal lever, whatever the pose."""
-    payload = Payload(2.0, (0.0, 0.0, 0.1), (0.01, 0.01, 0.01))
+    payload = CarriedBody(2.0, (0.0, 0.0, 0.1), (0.01, 0.01, 0.01))
     carrying = payload.added_to(ur10)
     q = np.random.default_rng(0).uniform(-2, 2, (20, 6))
     still = np.zeros_like(q)
@@ -102,7 +102,7 @@ def test_a_users_log_is_read_from_where_it_was_taken_in(ur10, tmp_path):
     copy = tmp_path / taken_in("/logs/run1.csv")
     copy.parent.mkdir()
     np.savetxt(copy, np.column_stack([time, q, q + 1.0]), delimiter=",", header=header, comments="")
-    parts = read_run(ReaderSettings("log"), Run("run1", "train", "/logs/run1.csv"), tmp_path, ur10, print)
+    parts = read_run(ReaderSettings("log"), RecordedRun("run1", "train", "/logs/run1.csv"), tmp_path, ur10, print)
     np.testing.assert_allclose(parts[0]["tau"], q + 1.0, atol=1e-12)
 
 
@@ -110,6 +110,6 @@ def test_wrong_settings_are_named():
     with pytest.raises(ConfigError, match=r"reader\.format is 'xml'"):
         convert({"format": "xml"}, "dataset.x.reader", ReaderSettings)
     with pytest.raises(ConfigError, match=r"run a: rows is \[1\]"):
-        convert([{"name": "a", "split": "train", "file": "f", "rows": [1]}], "dataset.x.runs", list[Run])
+        convert([{"name": "a", "split": "train", "file": "f", "rows": [1]}], "dataset.x.runs", list[RecordedRun])
     with pytest.raises(InputError, match="cannot be found"):
         robot_description(RobotSettings(urdf="nowhere.urdf"))

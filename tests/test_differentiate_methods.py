@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hybrid_dynamics.differentiate import (
-    METHODS,
+    DIFFERENTIATORS,
     DifferentiateSettings,
     derivative_errors,
     derivatives,
     differentiate_trajectory,
-    get_method,
+    get_differentiator,
 )
 from hybrid_dynamics.differentiate.choice import Choice
 from hybrid_dynamics.differentiate.spectrum import estimate_spectrum
@@ -21,7 +21,7 @@ from hybrid_dynamics.trajectory import Trajectory
 DT = 0.002
 ROWS = 6000
 STRONG = {"butterworth": 4.0, "spline": 4.0, "kalman": 4.0, "savitzky_golay": 151, "total_variation": 1e-6}
-LINEAR = [name for name, method in METHODS.items() if method.response is not None]
+LINEAR = [name for name, method in DIFFERENTIATORS.items() if method.response is not None]
 
 
 def motion(order, rows=ROWS, joints=2):
@@ -49,9 +49,9 @@ def truth():
 # --- one call ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", DIFFERENTIATORS)
 def test_one_and_two_dimensional_signals_agree(name):
-    method = get_method(name)
+    method = get_differentiator(name)
     x = encoder(motion(0, 1500), 65536)
     options = {method.parameter: STRONG[name]}
     both = method(x, DT, **options)
@@ -62,9 +62,9 @@ def test_one_and_two_dimensional_signals_agree(name):
             np.testing.assert_allclose(both[k][:, j], single[k], atol=1e-12)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", DIFFERENTIATORS)
 def test_line_passes_unchanged(name):
-    method = get_method(name)
+    method = get_differentiator(name)
     t = DT * np.arange(1500)
     smooth, rate = method(2 - 3 * t, DT, **{method.parameter: STRONG[name]})
     np.testing.assert_allclose(smooth, 2 - 3 * t, atol=1e-9)
@@ -75,7 +75,7 @@ def test_line_passes_unchanged(name):
 @settings(max_examples=10, deadline=None)
 @given(a=st.floats(-3, 3), b=st.floats(-3, 3), seed=st.integers(0, 50))
 def test_linear_methods_superpose(name, a, b, seed):
-    method = get_method(name)
+    method = get_differentiator(name)
     x, y = np.random.default_rng(seed).normal(size=(2, 800))
     options = {method.parameter: STRONG[name]}
     for k in range(2):
@@ -84,10 +84,10 @@ def test_linear_methods_superpose(name, a, b, seed):
         np.testing.assert_allclose(together, apart, atol=1e-8 * max(1, np.max(np.abs(together))))
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", DIFFERENTIATORS)
 def test_nothing_is_delayed(name):
     """Run backwards, a signal has the derivative backwards with the other sign."""
-    method = get_method(name)
+    method = get_differentiator(name)
     x = encoder(motion(0, 2000)[:, 0], 65536)
     options = {method.parameter: STRONG[name]}
     forward, backward = method(x, DT, **options)[1], method(x[::-1], DT, **options)[1][::-1]
@@ -98,7 +98,7 @@ def test_nothing_is_delayed(name):
 @pytest.mark.parametrize("name", LINEAR)
 @pytest.mark.parametrize("frequency", [1.0, 4.0, 9.0])
 def test_response_is_as_stated(name, frequency):
-    method = get_method(name)
+    method = get_differentiator(name)
     wave = np.exp(2j * np.pi * frequency * DT * np.arange(4000))
     rate = method.column(wave.real, DT, STRONG[name])[1] + 1j * method.column(wave.imag, DT, STRONG[name])[1]
     measured = (rate / (2j * np.pi * frequency * wave))[1500:-1500]
@@ -124,7 +124,7 @@ def test_bandwidth_lies_above_the_fastest_sine_and_grows_with_it():
 
 
 @pytest.mark.parametrize("counts", [65536, 4096])
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", DIFFERENTIATORS)
 def test_automatic_choice_is_near_the_best(name, counts, truth):
     one = run({name: value[:, :1] for name, value in truth.signals.items()})
     rows = derivative_errors(one, run({"q": encoder(one["q"], counts)}), [name])
@@ -137,7 +137,7 @@ def test_automatic_choice_is_near_the_best(name, counts, truth):
 @pytest.mark.parametrize("name", LINEAR)
 def test_choice_follows_the_noise(name):
     """Control: what is chosen for a coarse encoder is far from the best for a fine one."""
-    method = get_method(name)
+    method = get_differentiator(name)
     fine, coarse = (Choice(encoder(motion(0)[:, 0], counts), DT).next(method) for counts in (2**22, 2**11))
     weaker = fine / coarse if method.weaker > 1 else coarse / fine
     assert weaker > 1.4
@@ -148,7 +148,7 @@ def test_choice_follows_the_noise(name):
 
 
 def test_criteria_of_total_variation_order_as_documented():
-    method = get_method("total_variation")
+    method = get_differentiator("total_variation")
     x = encoder(motion(0)[:, 0], 4096)
     alpha = {c: Choice(x, DT, c).next(method) for c in ("surrogate", "discrepancy", "l_curve")}
     assert alpha["discrepancy"] > alpha["surrogate"]
@@ -159,13 +159,13 @@ def test_criteria_of_total_variation_order_as_documented():
 
 def test_same_data_same_choice():
     x = encoder(motion(0, 1500)[:, 0], 4096)
-    for method in METHODS.values():
+    for method in DIFFERENTIATORS.values():
         first, second = (method(x, DT)[1] for _ in range(2))
         np.testing.assert_array_equal(first, second)
 
 
 def test_parameters_may_be_given_per_derivative():
-    method = get_method("spline")
+    method = get_differentiator("spline")
     x = encoder(motion(0), 65536)
     chain = derivatives(x, DT, method, 2, cutoff_hz=[6.0, [5.0, 7.0]])
     np.testing.assert_array_equal(chain.parameters[0], [6, 6])
@@ -177,7 +177,7 @@ def test_parameters_may_be_given_per_derivative():
 
 
 @pytest.mark.parametrize("velocity", [False, True])
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", DIFFERENTIATORS)
 def test_whole_runs_with_every_method(name, velocity, truth):
     rng = np.random.default_rng(0)
     signals = {"q": encoder(truth["q"], 65536), "tau": 2 * truth["ddq"] + truth["dq"]}
@@ -200,17 +200,17 @@ def test_whole_runs_with_every_method(name, velocity, truth):
 def test_misuse_is_refused_by_name(truth):
     x = encoder(motion(0, 500), 65536)
     with pytest.raises(ConfigError, match="unknown differentiator 'magic'; expected one of butterworth"):
-        get_method("magic")
+        get_differentiator("magic")
     with pytest.raises(ConfigError, match="dt is 0"):
-        get_method("spline")(x, 0.0)
+        get_differentiator("spline")(x, 0.0)
     with pytest.raises(ConfigError, match="window is 900"):
-        get_method("savitzky_golay")(x, DT, window=900)
+        get_differentiator("savitzky_golay")(x, DT, window=900)
     broken = x.copy()
     broken[41, 1] = np.nan
     with pytest.raises(InputError, match="not finite at row 42"):
-        get_method("kalman")(broken, DT)
+        get_differentiator("kalman")(broken, DT)
     with pytest.raises(InputError, match="too few for a spectrum"):
-        get_method("spline")(x[:20], DT)
+        get_differentiator("spline")(x[:20], DT)
     with pytest.raises(InputError, match="same instants"):
         derivative_errors(truth, run({"q": x}))
     settings_ = DifferentiateSettings(options={"cutoff_hz": 3.0})

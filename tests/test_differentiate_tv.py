@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hybrid_dynamics.differentiate import get_method, tv_solver
+from hybrid_dynamics.differentiate import get_differentiator, tv_solver
 from hybrid_dynamics.differentiate.total_variation import objective, solve
 from hybrid_dynamics.errors import ConfigError
 
@@ -91,7 +91,7 @@ def test_large_alpha_gives_the_least_squares_line_and_small_alpha_the_signal():
 
 def test_alpha_does_not_depend_on_the_sampling_rate():
     """The same motion and noise density at 200 and 1000 Hz: the derivative of the same alpha is the same."""
-    method = get_method("total_variation")
+    method = get_differentiator("total_variation")
     slow, fast = 0.005, 0.001
     x_fast = noisy(10_000, fast, noise=0)
     rates = method(x_fast, fast, alpha=1e-6)[1][::5], method(x_fast[::5], slow, alpha=1e-6)[1]
@@ -135,7 +135,7 @@ def test_too_large_alpha_on_a_long_run_is_refused_or_certified():
 
 
 def test_bad_values_are_refused_by_name():
-    method = get_method("total_variation")
+    method = get_differentiator("total_variation")
     with pytest.raises(ConfigError, match="alpha is -1"):
         method(noisy(100), 0.01, alpha=-1.0)
     with pytest.raises(ConfigError, match="criterion is 'best'"):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hybrid_dynamics.effects import Effect, Motion, catalogue, family, plant, predict
+from hybrid_dynamics.effects import Effect, Motion, catalogue, family, predict, with_effects
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, is_physical, link_parameters, to_body, to_dynamic
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.loop.model import effect_from_json, effect_to_json
@@ -133,7 +133,7 @@ def test_columns_times_coordinates_is_the_torque_the_planted_robot_needs(name, p
 @pytest.mark.parametrize("name", sorted(n for n in EXAMPLES if not family(EXAMPLES[n].effect).changes_reading))
 def test_forward_dynamics_of_the_planted_robot_undoes_the_effect(name, panda, states):
     q, dq, ddq = states
-    robot, torque = plant(panda, [EXAMPLES[name]], along=True)
+    robot, torque = with_effects(panda, [EXAMPLES[name]], along=True)
     rigid = robot.inverse_dynamics(q, dq, ddq)
     tau = rigid + torque(q, dq, rigid, ddq, TIME)
     np.testing.assert_allclose(robot.forward_dynamics(q, dq, tau - torque(q, dq, rigid, ddq, TIME)), ddq, atol=1e-5)
@@ -179,7 +179,7 @@ def test_parameters_survive_the_way_to_coordinates_and_back(name, panda):
 def test_effects_change_a_copy_and_add_up(panda, states):
     q, dq, ddq = states
     before = panda.inverse_dynamics(q, dq, ddq)
-    robot, torque = plant(panda, [EXAMPLES["viscous_friction"], EXAMPLES["armature"], EXAMPLES["torque_offset"]])
+    robot, torque = with_effects(panda, [EXAMPLES["viscous_friction"], EXAMPLES["armature"], EXAMPLES["torque_offset"]])
     np.testing.assert_array_equal(panda.inverse_dynamics(q, dq, ddq), before)
     added = robot.inverse_dynamics(q, dq, ddq) + torque(q, dq) - before
     np.testing.assert_allclose(added[:, 2], 2.0 * dq[:, 2] + 0.4 * ddq[:, 2] - 0.7, atol=1e-9)
@@ -187,7 +187,7 @@ def test_effects_change_a_copy_and_add_up(panda, states):
 
 
 def test_tilt_turns_gravity_into_the_base_frame(panda):
-    tilted, _ = plant(panda, [Effect("gravity_tilt", (), {"roll": 0.1, "pitch": 0.0})])
+    tilted, _ = with_effects(panda, [Effect("gravity_tilt", (), {"roll": 0.1, "pitch": 0.0})])
     # R_base = Rx(roll): seen from the base, gravity leans towards -y by sin(roll).
     np.testing.assert_allclose(tilted.model.gravity.linear, 9.81 * np.array([0, -np.sin(0.1), -np.cos(0.1)]), atol=1e-9)
 
@@ -213,10 +213,10 @@ def test_solid_blocks_are_physical_and_negative_masses_are_not(mass, com, edges)
 def test_a_tilt_by_any_angle_is_found_exactly_and_two_tilts_are_one(panda, states, roll, pitch):
     q, dq, ddq = states
     first = Effect("gravity_tilt", (), {"roll": 0.3, "pitch": -0.2})
-    started, _ = plant(panda, [first])
+    started, _ = with_effects(panda, [first])
     truth = Effect("gravity_tilt", (), {"roll": roll, "pitch": pitch})
-    true, _ = plant(panda, [truth])
-    both, _ = plant(started, [truth])
+    true, _ = with_effects(panda, [truth])
+    both, _ = with_effects(started, [truth])
     np.testing.assert_allclose(both.model.gravity.linear, true.model.gravity.linear, atol=1e-12)
     motion = Motion(started, TIME, q, dq, ddq)
     kind, term = family("gravity_tilt"), truth.term(started)
@@ -232,14 +232,14 @@ def test_a_tilt_by_any_angle_is_found_exactly_and_two_tilts_are_one(panda, state
 
 def test_cheaper_causes_inside_a_link_keep_what_they_do_not_change(panda):
     before = to_body(link_parameters(panda, 2))
-    heavier, _ = plant(panda, [EXAMPLES["link_mass"]])
+    heavier, _ = with_effects(panda, [EXAMPLES["link_mass"]])
     after = to_body(link_parameters(heavier, 2))
     assert after["mass"] == pytest.approx(4.1)
     for name in ("com_x", "com_y", "com_z"):
         assert after[name] == pytest.approx(before[name])
     ratio = after["inertia_xx"] / before["inertia_xx"]  # radii of gyration stay: inertia grows as the mass
     assert ratio == pytest.approx(after["mass"] / before["mass"])
-    shifted, _ = plant(panda, [EXAMPLES["link_com"]])
+    shifted, _ = with_effects(panda, [EXAMPLES["link_com"]])
     moved = to_body(link_parameters(shifted, 2))
     for name in ("mass", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_xy"):
         assert moved[name] == pytest.approx(before[name], abs=1e-12)
@@ -286,7 +286,7 @@ def test_catalogue_names_what_is_unknown_or_incomplete(panda):
     with pytest.raises(InputError, match="1 joints are named; expected 0"):
         Effect("payload", JOINT, BODY)
     with pytest.raises(InputError, match=r"has no joint 'elbow'; its joints are panda_joint1"):
-        plant(panda, [Effect("torque_offset", ("elbow",), {"offset": 1.0})])
+        with_effects(panda, [Effect("torque_offset", ("elbow",), {"offset": 1.0})])
 
 
 def test_pages_of_the_catalogue_say_what_the_code_does():

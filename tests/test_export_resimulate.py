@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hybrid_dynamics.effects import Effect, plant
+from hybrid_dynamics.effects import Effect, with_effects
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.export import mjcf
 from hybrid_dynamics.export.resimulate import ResimulationSettings, resimulate
@@ -35,7 +35,7 @@ def true_effects(robot):
 @pytest.fixture(scope="module")
 def run(robot):
     """1.5 s under a torque of two sines, by this project's own forward dynamics in small steps."""
-    changed, torque = plant(robot, true_effects(robot))
+    changed, torque = with_effects(robot, true_effects(robot))
     time = np.arange(0.0, 1.5, DT)
     drive = np.column_stack([1.2 * np.sin(3 * time), 0.4 * np.cos(5 * time)])
     q, dq = np.zeros((2, len(time), 2))

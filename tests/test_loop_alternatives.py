@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hybrid_dynamics.effects import Effect, plant
+from hybrid_dynamics.effects import Effect, with_effects
 from hybrid_dynamics.loop import close_loop
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -36,7 +36,7 @@ def swing(arm: Robot, reach: float, seed: int, effects=(TILT,), about=(0.5, 0.4)
     angle = w * time[:, None, None] + phase
     q = np.array(about) + (size * np.sin(angle)).sum(axis=1)
     dq, ddq = (size * w * np.cos(angle)).sum(axis=1), -(size * w**2 * np.sin(angle)).sum(axis=1)
-    changed, _ = plant(arm, effects)
+    changed, _ = with_effects(arm, effects)
     tau = changed.inverse_dynamics(q, dq, ddq) + rng.normal(size=q.shape) * 0.15
     return Trajectory(f"run_{seed}", "train", time, {"q": q, "tau": tau})
 

@@ -51,9 +51,9 @@ def test_an_arm_mounted_anyhow_is_neither_refused_nor_torn_apart(roll, pitch, pa
 
 def gravity_direction(robot: Robot, parameters: dict[str, float]) -> np.ndarray:
     """Direction of gravity in the base frame under a tilt."""
-    from hybrid_dynamics.effects import plant
+    from hybrid_dynamics.effects import with_effects
 
-    changed, _ = plant(robot, [Effect("gravity_tilt", (), parameters)])
+    changed, _ = with_effects(robot, [Effect("gravity_tilt", (), parameters)])
     vector = np.asarray(changed.model.gravity.linear)
     return vector / np.linalg.norm(vector)
 

@@ -7,7 +7,7 @@ from scipy import signal
 
 from hybrid_dynamics.differentiate.differences import central_difference
 from hybrid_dynamics.differentiate.edges import chord, transient_samples
-from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
+from hybrid_dynamics.differentiate.method import DerivativeMethod, cutoff_candidates
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.types import Array
 
@@ -52,4 +52,4 @@ def _response(frequency: Array, dt: float, value: float, order: int = ORDER) -> 
 
 
 #: ``butterworth(x, dt, cutoff_hz=..., order=...)``: zero-phase low-pass, then seven-point central differences.
-METHOD = Method("butterworth", "cutoff_hz", _column, cutoff_candidates, _response, ("order",))
+METHOD = DerivativeMethod("butterworth", "cutoff_hz", _column, cutoff_candidates, _response, ("order",))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.differentiate.choice import MAX_ORDER, Choice
-from hybrid_dynamics.differentiate.method import Method
+from hybrid_dynamics.differentiate.method import DerivativeMethod
 from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.types import Array
 
@@ -27,7 +27,7 @@ class Chain:
     bandwidth: Array
 
 
-def derivatives(x: Array, dt: float, method: Method, orders: int = 3, **options: Any) -> Chain:
+def derivatives(x: Array, dt: float, method: DerivativeMethod, orders: int = 3, **options: Any) -> Chain:
     """Derivatives 1 to ``orders`` of ``x`` (T, n), each had by ``method`` from the one before.
 
     The option named after the method's parameter overrides the choice from the data: one number, or a list with one

@@ -19,7 +19,7 @@ import numpy as np
 from hybrid_dynamics.differentiate import butterworth
 from hybrid_dynamics.differentiate.differences import central_difference
 from hybrid_dynamics.differentiate.edges import transient_samples
-from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
+from hybrid_dynamics.differentiate.method import DerivativeMethod, cutoff_candidates
 from hybrid_dynamics.differentiate.spectrum import Spectrum, estimate_spectrum
 from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.types import Array
@@ -49,7 +49,7 @@ class Choice:
         self._gain = np.ones_like(self.spectrum.frequency)
         self._surrogate: tuple[list[Array], Array, slice] | None = None
 
-    def next(self, method: Method) -> float:
+    def next(self, method: DerivativeMethod) -> float:
         """The parameter of ``method`` for the next derivative."""
         self._order += 1
         options = method.own(self._options)
@@ -121,7 +121,7 @@ def minimise(loss: Any, candidates: Array, rounds: int = 3) -> float:
     return float(value)
 
 
-def _by_residual(method: Method, x: Array, dt: float, criterion: str, options: dict[str, Any]) -> float:
+def _by_residual(method: DerivativeMethod, x: Array, dt: float, criterion: str, options: dict[str, Any]) -> float:
     """The parameter by discrepancy or L-curve; the penalty is the total variation of the derivative."""
     values, residual, penalty = [], [], []
     for value in method.candidates(x, dt):

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.differentiate.choice import Choice
-from hybrid_dynamics.differentiate.method import Method
+from hybrid_dynamics.differentiate.method import DerivativeMethod
 from hybrid_dynamics.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Differentiator(Method):
-    """A :class:`Method` that can be called: its parameter is chosen from the data where it is not given."""
+class Differentiator(DerivativeMethod):
+    """A :class:`DerivativeMethod` that can be called: its parameter is chosen from the data where it is not given."""
 
     @classmethod
-    def of(cls, method: Method) -> Differentiator:
+    def of(cls, method: DerivativeMethod) -> Differentiator:
         """The callable form of ``method``."""
         return cls(**{f.name: getattr(method, f.name) for f in dataclasses.fields(method)})
 

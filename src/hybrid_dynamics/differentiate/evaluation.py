@@ -11,8 +11,8 @@ from joblib import Parallel, delayed
 from hybrid_dynamics.differentiate.chain import derivatives, joined
 from hybrid_dynamics.differentiate.choice import minimise
 from hybrid_dynamics.differentiate.edges import transient_samples
-from hybrid_dynamics.differentiate.method import Method
-from hybrid_dynamics.differentiate.registry import METHODS, get_method
+from hybrid_dynamics.differentiate.method import DerivativeMethod
+from hybrid_dynamics.differentiate.registry import DIFFERENTIATORS, get_differentiator
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -36,11 +36,11 @@ def derivative_errors(
     """
     if len(truth.time) != len(noisy.time) or not np.allclose(truth.time, noisy.time, atol=noisy.dt * 1e-3, rtol=0):
         raise InputError(f"trajectory {noisy.name}: truth and noisy run are not sampled at the same instants")
-    names = list(METHODS) if methods is None else list(methods)
+    names = list(DIFFERENTIATORS) if methods is None else list(methods)
     x, dt = noisy["q"], noisy.dt
     rows: list[dict[str, Any]] = []
     for name in names:
-        method = get_method(name)
+        method = get_differentiator(name)
         # Joint by joint: what one costs is the choice of its parameter, and joints know nothing of each other.
         chains = Parallel(workers)(delayed(derivatives)(x[:, [j]], dt, method, len(SIGNALS)) for j in range(x.shape[1]))
         chain = joined(chains)
@@ -83,7 +83,9 @@ def _all_joints(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return out
 
 
-def _tuned(method: Method, x: Array, dt: float, truth: list[Array], inner: slice) -> list[tuple[float, float]]:
+def _tuned(
+    method: DerivativeMethod, x: Array, dt: float, truth: list[Array], inner: slice
+) -> list[tuple[float, float]]:
     """Smallest error and its parameter for each derivative of ``x`` (T,).
 
     Each derivative is tuned on what the earlier steps, tuned themselves, gave; and again on what they give when they

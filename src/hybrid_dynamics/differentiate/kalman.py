@@ -13,7 +13,7 @@ from scipy.linalg import solve_discrete_are
 from scipy.signal import lfilter
 
 from hybrid_dynamics.differentiate.edges import chord, transient_samples
-from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
+from hybrid_dynamics.differentiate.method import DerivativeMethod, cutoff_candidates
 from hybrid_dynamics.types import Array
 
 
@@ -60,4 +60,4 @@ def _response(frequency: Array, dt: float, value: float) -> Array:
 
 
 #: ``kalman(x, dt, cutoff_hz=...)``: the response of the smoother is one half at ``cutoff_hz``.
-METHOD = Method("kalman", "cutoff_hz", _column, cutoff_candidates, _response)
+METHOD = DerivativeMethod("kalman", "cutoff_hz", _column, cutoff_candidates, _response)

@@ -17,7 +17,7 @@ OPTIONS = ("criterion",)
 
 
 @dataclass(frozen=True)
-class Method:
+class DerivativeMethod:
     """A differentiator with one parameter that sets how much it smooths.
 
     ``column`` differentiates one signal with that ``parameter`` given. ``candidates(x, dt)`` are the values worth

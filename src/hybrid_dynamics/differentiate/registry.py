@@ -9,7 +9,7 @@ from hybrid_dynamics.differentiate import butterworth, kalman, savitzky_golay, s
 from hybrid_dynamics.differentiate.differentiator import Differentiator
 from hybrid_dynamics.errors import ConfigError
 
-METHODS: Mapping[str, Differentiator] = MappingProxyType(
+DIFFERENTIATORS: Mapping[str, Differentiator] = MappingProxyType(
     {
         module.METHOD.name: Differentiator.of(module.METHOD)
         for module in (butterworth, savitzky_golay, spline, kalman, total_variation)
@@ -17,9 +17,9 @@ METHODS: Mapping[str, Differentiator] = MappingProxyType(
 )
 
 
-def get_method(name: str) -> Differentiator:
+def get_differentiator(name: str) -> Differentiator:
     """The differentiator ``name``. Raises :class:`ConfigError` with the names there are."""
     try:
-        return METHODS[name]
+        return DIFFERENTIATORS[name]
     except KeyError:
-        raise ConfigError(f"unknown differentiator {name!r}; expected one of {', '.join(METHODS)}") from None
+        raise ConfigError(f"unknown differentiator {name!r}; expected one of {', '.join(DIFFERENTIATORS)}") from None

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import signal
 from scipy.interpolate import CubicSpline
 
-from hybrid_dynamics.differentiate.method import Method
+from hybrid_dynamics.differentiate.method import DerivativeMethod
 from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.types import Array
 
@@ -65,4 +65,4 @@ def _edge(value: float, dt: float) -> int:
 
 
 #: ``savitzky_golay(x, dt, window=..., degree=...)``; ``window`` in samples (odd).
-METHOD = Method("savitzky_golay", "window", _column, _candidates, _response, ("degree",), _edge, 0.67)
+METHOD = DerivativeMethod("savitzky_golay", "window", _column, _candidates, _response, ("degree",), _edge, 0.67)

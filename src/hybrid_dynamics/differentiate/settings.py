@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from hybrid_dynamics.differentiate.registry import METHODS
+from hybrid_dynamics.differentiate.registry import DIFFERENTIATORS
 from hybrid_dynamics.errors import require
 
 ZOH = "zoh"
@@ -30,7 +30,7 @@ class DifferentiateSettings:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        known = (ZOH, *METHODS)
+        known = (ZOH, *DIFFERENTIATORS)
         require(self.method in known, f"differentiate.method is {self.method!r}; expected one of {', '.join(known)}")
         require(
             0 <= self.cutoff_hz < float("inf"),

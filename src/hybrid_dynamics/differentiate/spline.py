@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from hybrid_dynamics.differentiate.method import Method, cutoff_candidates
+from hybrid_dynamics.differentiate.method import DerivativeMethod, cutoff_candidates
 from hybrid_dynamics.types import Array
 
 
@@ -46,4 +46,4 @@ def _response(frequency: Array, dt: float, value: float) -> Array:
 
 
 #: ``spline(x, dt, cutoff_hz=...)``: cubic smoothing spline whose response is one half at ``cutoff_hz``.
-METHOD = Method("spline", "cutoff_hz", _column, cutoff_candidates, _response)
+METHOD = DerivativeMethod("spline", "cutoff_hz", _column, cutoff_candidates, _response)

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from hybrid_dynamics.differentiate import tv_solver
-from hybrid_dynamics.differentiate.method import Method
+from hybrid_dynamics.differentiate.method import DerivativeMethod
 from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.types import Array
 
@@ -55,4 +55,4 @@ def _edge(value: float, dt: float) -> int:
 
 
 #: ``total_variation(x, dt, alpha=..., criterion=..., tolerance=...)``.
-METHOD = Method("total_variation", "alpha", _column, _candidates, None, ("tolerance",), _edge, 0.1)
+METHOD = DerivativeMethod("total_variation", "alpha", _column, _candidates, None, ("tolerance",), _edge, 0.1)

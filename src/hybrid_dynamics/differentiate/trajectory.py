@@ -10,7 +10,7 @@ from hybrid_dynamics.differentiate import butterworth
 from hybrid_dynamics.differentiate.chain import derivatives
 from hybrid_dynamics.differentiate.differences import central_difference
 from hybrid_dynamics.differentiate.edges import transient_samples
-from hybrid_dynamics.differentiate.registry import get_method
+from hybrid_dynamics.differentiate.registry import get_differentiator
 from hybrid_dynamics.differentiate.settings import ZOH, DifferentiateSettings
 from hybrid_dynamics.differentiate.spectrum import Spectrum, estimate_spectrum
 from hybrid_dynamics.errors import ConfigError, InputError
@@ -150,7 +150,7 @@ def _motion(
     torque and motion holds between the filtered ones, but for products of signals). Other methods choose their own
     smoothing per joint and derivative; the torque's low-pass then has the bandwidth best for the acceleration.
     """
-    method = get_method(settings.method)
+    method = get_differentiator(settings.method)
     options = dict(settings.options)
     if method.name == butterworth.METHOD.name:
         for name in (method.parameter, "order"):

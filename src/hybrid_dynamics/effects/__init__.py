@@ -20,11 +20,11 @@ from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refine
 for _module in sorted(module.name for module in pkgutil.iter_modules(__path__)):
     importlib.import_module(f"{__name__}.{_module}")
 
-from hybrid_dynamics.effects.plant import (  # noqa: E402  (needs the filled registry)
+from hybrid_dynamics.effects.acting import (  # noqa: E402  (needs the filled registry)
     Readings,
-    plant,
     predict,
     readings,
+    with_effects,
 )
 
 __all__ = [
@@ -40,9 +40,9 @@ __all__ = [
     "Term",
     "catalogue",
     "family",
-    "plant",
     "predict",
     "readings",
     "register",
     "split_key",
+    "with_effects",
 ]

@@ -4,7 +4,7 @@ An effect is the torque the drive must ADD to what the model already has. Given 
 *coordinates* x (p,): ``torque = columns @ x``; coordinates and settings together become the published parameters (names
 and units of the catalogue) by :meth:`Family.parameters_of`. Where the torque is not exactly linear (a shifted centre of
 mass), the columns are its derivative at zero and the loop iterates with the exact torque of
-:mod:`hybrid_dynamics.effects.plant`.
+:mod:`hybrid_dynamics.effects.acting`.
 
 **One law.** A family that is not part of the rigid body writes its torque once, as :meth:`Family.law`, over an array
 namespace ``xp``: columns, prediction, forward simulation and every export come from it. ``xp`` offers ``sin cos exp

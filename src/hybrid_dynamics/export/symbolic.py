@@ -14,7 +14,7 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, State, family, plant, readings
+from hybrid_dynamics.effects import Effect, State, family, readings, with_effects
 from hybrid_dynamics.export.body import BodyNumbers
 from hybrid_dynamics.export.rigid_body import inverse_dynamics
 from hybrid_dynamics.export.rigid_body import symbols as body_symbols
@@ -218,7 +218,7 @@ class SymbolicModel:
 
     def _entries(self, effects: Sequence[Effect]) -> Array:
         read = readings(self.model.robot, effects)
-        body = BodyNumbers.of(plant(self.model.robot, effects)[0])
+        body = BodyNumbers.of(with_effects(self.model.robot, effects)[0])
         return np.concatenate([body.flat(), read.offset, read.gain])
 
 

@@ -13,8 +13,8 @@ from typing import Any
 import jsonschema
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, Readings, StateTorque, Term, family, plant, readings, split_key
-from hybrid_dynamics.effects.plant import predict_planted
+from hybrid_dynamics.effects import Effect, Readings, StateTorque, Term, family, readings, split_key, with_effects
+from hybrid_dynamics.effects.acting import predict_acting
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
 from hybrid_dynamics.files import json_text, write_text
 from hybrid_dynamics.loop.provenance import check_identity, identity_of
@@ -44,8 +44,8 @@ class Model:
     misfit: tuple[float, ...] | None = None
 
     @cached_property
-    def _planted(self) -> tuple[Robot, StateTorque]:
-        return plant(self.robot, self.effects, along=True)
+    def _acting(self) -> tuple[Robot, StateTorque]:
+        return with_effects(self.robot, self.effects, along=True)
 
     @cached_property
     def predictions(self) -> dict[int, tuple[Any, Array]]:
@@ -55,7 +55,7 @@ class Model:
     @property
     def completed_robot(self) -> Robot:
         """The rigid body with all effects that are part of it (inertia, rotor, gravity)."""
-        return self._planted[0]
+        return self._acting[0]
 
     @cached_property
     def readings(self) -> Readings:
@@ -67,7 +67,7 @@ class Model:
 
         ``time`` (T,) [s] serves effects that depend on it.
         """
-        return predict_planted(*self._planted, self.readings, q, dq, ddq, time)
+        return predict_acting(*self._acting, self.readings, q, dq, ddq, time)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Torque (n,) [N m] at one state ``q dq ddq`` (n,), for a controller that asks at every tick.
@@ -82,15 +82,15 @@ class Model:
         changed, law = self._momentary
         rows = [np.asarray(a, float).reshape(1, -1) for a in (q, dq, ddq)]
         now = Readings(self.readings.offset, self.readings.gain, 0.0)
-        return np.asarray(predict_planted(changed, law, now, *rows)[0])
+        return np.asarray(predict_acting(changed, law, now, *rows)[0])
 
     @cached_property
     def _momentary(self) -> tuple[Robot, StateTorque]:
-        return plant(self.robot, self.effects)
+        return with_effects(self.robot, self.effects)
 
     def load_derivative(self, q: Array, dq: Array, ddq: Array) -> Array:
         """How much the effects' torque grows with the rigid-body torque, (T, n): friction that follows the load."""
-        robot, torque = self._planted
+        robot, torque = self._acting
         rigid = robot.inverse_dynamics(q, dq, ddq)
         step = 1e-6 * np.maximum(np.abs(rigid), 1.0)
         still = np.zeros(len(q))

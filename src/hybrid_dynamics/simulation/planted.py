@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, Family, State, family, plant, readings
+from hybrid_dynamics.effects import Effect, Family, State, family, readings, with_effects
 from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
@@ -79,7 +79,7 @@ def planted(robot: Robot, effects: Iterable[Effect]) -> tuple[Robot, JointEffect
     Raises :class:`InputError` for laws that follow accelerations: the integrator would need their inverse.
     """
     own = list(effects)
-    changed, _ = plant(robot, own)
+    changed, _ = with_effects(robot, own)
     total = JointEffects()
     for effect in own:
         kind = family(effect.effect)

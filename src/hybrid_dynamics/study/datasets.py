@@ -82,7 +82,7 @@ class StudySimulation:
 
 
 @dataclass(frozen=True)
-class Payload:
+class CarriedBody:
     """A body on the last moving link: ``mass`` [kg], ``com`` (3) [m] in the last moving joint's frame, and principal
     moments ``inertia`` (3) [kg m^2] about its centre of mass, along that frame's axes."""
 
@@ -100,7 +100,7 @@ class Payload:
 
 
 @dataclass(frozen=True)
-class Run:
+class RecordedRun:
     """One recorded run: its ``file`` in the source, its ``split``, and the usable ``rows`` (1-based; empty: found).
 
     ``payload``: what the run's simulated twin carries.
@@ -110,7 +110,7 @@ class Run:
     split: str
     file: str
     rows: tuple[int, ...] = ()
-    payload: Payload | None = None
+    payload: CarriedBody | None = None
 
     def __post_init__(self) -> None:
         require(self.split in ("train", "test"), f"run {self.name}: split is {self.split!r}; expected train or test")
@@ -166,7 +166,12 @@ class TwinSettings:
 
 
 def twin_runs(
-    robot: Robot, settings: TwinSettings, runs: Sequence[Run], source: Path, seed: int, progress: Progress | None = None
+    robot: Robot,
+    settings: TwinSettings,
+    runs: Sequence[RecordedRun],
+    source: Path,
+    seed: int,
+    progress: Progress | None = None,
 ) -> list[Recording]:
     """Log and noise-free truth of every run of the twin, named and split like the recording's ``runs``, training first.
 
@@ -229,7 +234,9 @@ class ReaderSettings:
         )
 
 
-def read_run(settings: ReaderSettings, run: Run, folder: Path, robot: Robot, notify: Notify) -> list[Trajectory]:
+def read_run(
+    settings: ReaderSettings, run: RecordedRun, folder: Path, robot: Robot, notify: Notify
+) -> list[Trajectory]:
     """One recorded run of ``folder`` on a uniform grid; several parts where a user's log has long gaps."""
     path = folder / taken_in(run.file)
     if settings.format == "ur10e":

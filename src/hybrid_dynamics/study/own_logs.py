@@ -8,12 +8,12 @@ from pathlib import Path
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import write_json
-from hybrid_dynamics.study.datasets import RobotSettings, Run, taken_in
+from hybrid_dynamics.study.datasets import RecordedRun, RobotSettings, taken_in
 from hybrid_dynamics.study.sources.fetch import SOURCE_FILE
 from hybrid_dynamics.trajectory import RECORDED
 
 
-def take_in(dataset: str, robot: RobotSettings, runs: Sequence[Run], target: Path) -> None:
+def take_in(dataset: str, robot: RobotSettings, runs: Sequence[RecordedRun], target: Path) -> None:
     """Copy the URDF and the log of every run into ``target`` (replaced as a whole) with a ``source.json``.
 
     Raises :class:`InputError` for a path that is no file (a ROS 2 bag may be a folder), for runs without one to train

@@ -44,7 +44,7 @@ def readings(robot: Robot, effects: Iterable[Effect]) -> Readings:
     return Readings(offset, gain, delay)
 
 
-def plant(robot: Robot, effects: Iterable[Effect], along: bool = False) -> tuple[Robot, StateTorque]:
+def with_effects(robot: Robot, effects: Iterable[Effect], along: bool = False) -> tuple[Robot, StateTorque]:
     """The robot with ``effects``: a changed copy, and the torque its drives must add.
 
     The second is ``torque(q, dq, load=None, ddq=None, time=None)`` of joint states (T, n), giving (T, n) [N m]: under
@@ -93,11 +93,11 @@ def predict(
 
     ``time`` (T,) [s] is needed by a delay and by effects that change over the run (:class:`InputError`).
     """
-    changed, torque = plant(robot, effects, along=True)
-    return predict_planted(changed, torque, readings(robot, effects), q, dq, ddq, time)
+    changed, torque = with_effects(robot, effects, along=True)
+    return predict_acting(changed, torque, readings(robot, effects), q, dq, ddq, time)
 
 
-def predict_planted(
+def predict_acting(
     changed: Robot, torque: StateTorque, read: Readings, q: Array, dq: Array, ddq: Array, time: Array | None = None
 ) -> Array:
     """:func:`predict` for effects that are planted already."""
