@@ -71,8 +71,12 @@ def progress_bar(title: str) -> Iterator[Progress]:
 
 @contextmanager
 def measured(path: Path) -> Iterator[None]:
-    """Write wall time [s] and peak memory [MB] of the block to ``path``, which no cached stage but the report reads."""
+    """Write wall time [s], peak memory [MB] and end [s since the epoch] of the block to ``path``.
+
+    No cached stage but the report reads it.
+    """
     started = time.perf_counter()
     yield
     peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1024
-    write_json(path, {"wall_s": round(time.perf_counter() - started, 2), "peak_memory_mb": round(peak, 1)})
+    wall = round(time.perf_counter() - started, 2)
+    write_json(path, {"wall_s": wall, "peak_memory_mb": round(peak, 1), "finished": round(time.time(), 1)})

@@ -27,6 +27,7 @@ SLOW = frozenset(
         "test_simulation_twin",
         "test_study_engine",
         "test_tracking",
+        "test_tracking_loop",
     }
 )
 

@@ -148,14 +148,17 @@ def test_each_result_is_one_run_however_many_write(logged: Path) -> None:
     target = store(logged)
     client = mlflow.MlflowClient(target.uri)
     experiment = client.get_experiment_by_name(target.experiment)
-    assert experiment.artifact_location == (logged / "mlartifacts" / "hybrid_dynamics").as_uri()
+    assert experiment.artifact_location == "mlartifacts/hybrid_dynamics"
     runs = client.search_runs([experiment.experiment_id])
-    parents = {run.data.tags["method"]: run for run in runs if "method" in run.data.tags}
+    parents = {run.data.tags["method"]: run for run in runs if run.data.tags["kind"] == "result"}
     assert set(parents) == {"rigid_body", "sr", "loop"}
     assert all(run.info.status == "FINISHED" for run in runs)
     assert all(run.data.tags["latest"] == "true" for run in parents.values())
     nested = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parents["loop"].info.run_id]
     assert sorted(run.data.tags["effect"] for run in nested) == ["payload", "viscous_friction"]
+    shared = ("dataset", "method", "provenance", "data_digest", "robot", "git_revision", "latest")
+    parent = parents["loop"].data.tags
+    assert [[run.data.tags[key] for key in shared] for run in nested] == [[parent[key] for key in shared]] * 2
     assert known_digests(target) == {record.digest for record in records(logged)}
 
 

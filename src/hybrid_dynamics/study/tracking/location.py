@@ -7,7 +7,9 @@ beside the code that runs would vanish with it.
 from __future__ import annotations
 
 import os
+import sqlite3
 import subprocess
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +28,14 @@ class Store:
     def uri(self) -> str:
         """Tracking URI."""
         return f"sqlite:///{self.database}"
+
+    @property
+    def location(self) -> str:
+        """Where MLflow keeps the experiment's artifacts, relative to the root: a project that moves keeps them.
+
+        MLflow resolves it against the working directory; whoever reads artifacts does so in the project's root.
+        """
+        return (self.artifacts.relative_to(self.database.parent) / self.experiment).as_posix()
 
     @property
     def lock(self) -> Path:
@@ -72,6 +82,35 @@ def store(start: str | os.PathLike[str] = ".", experiment: str = EXPERIMENT) -> 
     """The store of the project that ``start`` belongs to."""
     anchor = root(start)
     return Store(anchor / "mlflow.db", anchor / "mlartifacts", experiment)
+
+
+#: Where MLflow keeps locations of artifacts, and the column that says which experiment a row belongs to.
+_LOCATIONS = (
+    ("experiments", "artifact_location", "experiment_id = :experiment"),
+    ("runs", "artifact_uri", "experiment_id = :experiment"),
+    ("logged_models", "artifact_location", "experiment_id = :experiment"),
+    (
+        "model_versions",
+        "storage_location",
+        "run_id IN (SELECT run_uuid FROM runs WHERE experiment_id = :experiment)",
+    ),
+)
+
+
+def make_relative(store: Store, experiment: str, location: str) -> None:
+    """Write ``store.location`` in place of the absolute ``location`` of ``experiment`` and of all that lies below it.
+
+    MLflow makes every local location absolute when an experiment is created and offers no call to change it; from the
+    experiment's, those of runs and models follow. So it is set in the database, once.
+    """
+    with closing(sqlite3.connect(store.database)) as connection, connection:
+        for table, column, own in _LOCATIONS:
+            # Table and column are ours; what comes from the database is bound.
+            connection.execute(
+                f"UPDATE {table} SET {column} = :new || substr({column}, length(:old) + 1) "
+                f"WHERE {own} AND substr({column}, 1, length(:old)) = :old",
+                {"new": store.location, "old": location, "experiment": int(experiment)},
+            )
 
 
 def git_revision(start: str | os.PathLike[str] = ".") -> str:

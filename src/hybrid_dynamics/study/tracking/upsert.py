@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
+import json
 import logging
 import os
 import sqlite3
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
-import pandas as pd
-import pyarrow.parquet as pq
-
-from hybrid_dynamics.features import feature_names
-from hybrid_dynamics.study.tracking.location import Store, git_revision
+from hybrid_dynamics.study.tracking.location import Store, git_revision, make_relative
+from hybrid_dynamics.study.tracking.logged_models import log_models
 from hybrid_dynamics.study.tracking.records import RunRecord
 from hybrid_dynamics.types import Notify
 
 DIGEST_TAG = "result_digest"
-#: ``true`` on the newest run of a dataset and method: filter the comparison by it.
+#: ``true`` on the newest run of a dataset and method and on its nested runs: filter the comparison by it.
 LATEST_TAG = "latest"
-EXAMPLE_ROWS = 5
+#: ``result`` or, of a nested run, ``step`` or ``question``.
+KIND_TAG = "kind"
+#: What MLflow takes at once.
+MOST_METRICS, MOST_PARAMS = 1000, 100
 NOTE = (
-    "One run per dataset and method, logged from the result files of the pipeline. Filter by tags.latest = 'true' for "
-    "the newest results; metrics are named split/measure/joint."
+    "One run per dataset and method, logged from the result files of the pipeline. Filter by tags.latest = 'true' and "
+    "tags.kind = 'result' for the newest results. Metrics are named split/measure/joint; what a closed loop identified "
+    "is parameter/effect/place/name with std_error/... beside it. Start and duration are those of the training."
 )
-SCRIPT = Path(__file__).with_name("torque_model.py")
 
 
 def known_digests(store: Store) -> set[str]:
@@ -59,18 +62,26 @@ def upsert(
     missing = [record for record in records if record.digest not in known]
     if not missing:
         return []
-    with _locked(store):
+    missing = [_absolute(record) for record in missing]
+    revision = _common_tags(code)
+    # Artifacts lie at paths relative to the root, so that they move with it.
+    with _locked(store), contextlib.chdir(store.database.parent):
         client = _client(store)
         experiment = _experiment(client, store)
-        tags = _common_tags(code)
         logged = []
         for record in missing:
             if client.search_runs([experiment], f"tags.{DIGEST_TAG} = '{record.digest}'", max_results=1):
                 continue
-            _log(client, experiment, record, tags)
+            _log(client, experiment, record, revision, notify)
             logged.append(record)
             notify(f"mlflow: {record.dataset} {record.method}")
     return logged
+
+
+def _absolute(record: RunRecord) -> RunRecord:
+    """The same record, whose files are found from anywhere."""
+    places = {name: path.resolve() for name in ("features", "model", "logs") if (path := getattr(record, name))}
+    return replace(record, **places)
 
 
 @contextmanager
@@ -96,12 +107,14 @@ def _client(store: Store) -> Any:
 
 def _experiment(client: Any, store: Store) -> str:
     found = client.get_experiment_by_name(store.experiment)
-    if found is not None:
-        return str(found.experiment_id)
-    location = (store.artifacts / store.experiment).resolve().as_uri()
-    # The kind decides which columns and views MLflow's page opens with.
-    tags = {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": NOTE}
-    return str(client.create_experiment(store.experiment, artifact_location=location, tags=tags))
+    if found is None:
+        # The kind decides which columns and views MLflow's page opens with.
+        tags = {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": NOTE}
+        own = client.create_experiment(store.experiment, artifact_location=store.location, tags=tags)
+        found = client.get_experiment(own)
+    if found.artifact_location != store.location:
+        make_relative(store, str(found.experiment_id), found.artifact_location)
+    return str(found.experiment_id)
 
 
 def _common_tags(code: str | os.PathLike[str]) -> dict[str, str]:
@@ -113,74 +126,87 @@ def _common_tags(code: str | os.PathLike[str]) -> dict[str, str]:
     return {**tags, "dvc_experiment": experiment} if experiment else tags
 
 
-def _log(client: Any, experiment: str, record: RunRecord, tags: dict[str, str]) -> None:
+def _log(client: Any, experiment: str, record: RunRecord, tags: dict[str, str], notify: Notify) -> None:
     """One finished run. The digest is written last: a run that broke off is logged again, not taken for complete."""
     from mlflow.entities import RunTag
 
-    name = f"{record.dataset} {record.method}"
-    run = client.create_run(
-        experiment,
-        run_name=name,
-        tags={**tags, **record.tags, "dataset": record.dataset, "method": record.method},
-    )
+    own = {**tags, **record.tags, "dataset": record.dataset, "method": record.method, KIND_TAG: "result"}
+    start, end = _times(record)
+    run = client.create_run(experiment, start_time=start, run_name=f"{record.dataset} {record.method}", tags=own)
     run_id = run.info.run_id
-    _batch(client, run_id, record.metrics, record.params)
+    _batch(client, run_id, record.metrics, record.params, end)
+    _inputs(client, run_id, record)
     for path, text in record.texts.items():
         client.log_text(run_id, text, path)
     if record.model is not None:
         client.log_artifacts(run_id, str(record.model), "result")
-        if record.is_estimator:
-            _log_model(run_id, record)
+    crowned = log_models(client, run_id, record, notify)
+    nested = []
     for step in record.steps:
-        nested = client.create_run(
-            experiment, run_name=step.name, tags={**tags, **step.tags, "mlflow.parentRunId": run_id}
+        # A step has no time of its own: it stands where the training ended, without a duration.
+        child = client.create_run(
+            experiment, start_time=end, run_name=step.name, tags={**own, **step.tags, "mlflow.parentRunId": run_id}
         )
-        _batch(client, nested.info.run_id, step.metrics, {})
-        client.set_terminated(nested.info.run_id)
-    client.set_terminated(run_id)
-    older = client.search_runs(
-        [experiment],
+        _batch(client, child.info.run_id, step.metrics, step.params, end)
+        client.set_terminated(child.info.run_id, end_time=end)
+        nested.append(child.info.run_id)
+    client.set_terminated(run_id, end_time=end)
+    for other in _all_runs(
+        client,
+        experiment,
         f"tags.dataset = '{record.dataset}' AND tags.method = '{record.method}' AND tags.{LATEST_TAG} = 'true'",
-    )
-    for other in older:
+    ):
         client.set_tag(other.info.run_id, LATEST_TAG, "false")
-    client.log_batch(run_id, tags=[RunTag(LATEST_TAG, "true"), RunTag(DIGEST_TAG, record.digest)])
+    for child_id in nested:
+        client.set_tag(child_id, LATEST_TAG, "true")
+    client.log_batch(run_id, tags=[*crowned, RunTag(LATEST_TAG, "true"), RunTag(DIGEST_TAG, record.digest)])
 
 
-def _batch(client: Any, run_id: str, metrics: Any, params: Any) -> None:
+def _times(record: RunRecord) -> tuple[int, int]:
+    """Start and end of the training [ms since the epoch]; of a method without training, now."""
+    end = time.time() if record.finished is None else record.finished
+    return round(1000 * (end - (record.wall or 0.0))), round(1000 * end)
+
+
+def _all_runs(client: Any, experiment: str, query: str) -> list[Any]:
+    found, token = [], None
+    while True:
+        page = client.search_runs([experiment], query, page_token=token)
+        found += page
+        token = page.token
+        if not token:
+            return found
+
+
+def _batch(client: Any, run_id: str, metrics: Mapping[str, float], params: Mapping[str, str], at: int) -> None:
     from mlflow.entities import Metric, Param
 
-    client.log_batch(
+    values = [Metric(key, value, timestamp=at, step=0) for key, value in metrics.items()]
+    texts = [Param(key, value) for key, value in params.items()]
+    for k in range(0, len(values), MOST_METRICS):
+        client.log_batch(run_id, metrics=values[k : k + MOST_METRICS])
+    for k in range(0, len(texts), MOST_PARAMS):
+        client.log_batch(run_id, params=texts[k : k + MOST_PARAMS])
+
+
+def _inputs(client: Any, run_id: str, record: RunRecord) -> None:
+    """The data a result was made from, as MLflow's dataset inputs."""
+    from mlflow.entities import Dataset, DatasetInput, InputTag
+
+    client.log_inputs(
         run_id,
-        metrics=[Metric(key, value, timestamp=0, step=0) for key, value in metrics.items()],
-        params=[Param(key, value) for key, value in params.items()],
+        [
+            DatasetInput(
+                Dataset(
+                    name=own.name,
+                    digest=own.digest,
+                    source_type="local",
+                    source=json.dumps({"uri": own.source}),
+                    schema=own.schema,
+                    profile=own.profile,
+                ),
+                [InputTag("mlflow.data.context", own.context)],
+            )
+            for own in record.inputs
+        ],
     )
-
-
-def _log_model(run_id: str, record: RunRecord) -> None:
-    """The estimator as a pyfunc: a script of this package and the model's own files; nothing is pickled."""
-    import mlflow
-    from mlflow.models import infer_signature
-
-    from hybrid_dynamics.study.tracking.torque_model import load, predict_frame
-
-    assert record.model is not None
-    example = _example(record.features)
-    signature = infer_signature(example, predict_frame(load(record.model), example))
-    with mlflow.start_run(run_id=run_id):
-        mlflow.pyfunc.log_model(
-            name="model",
-            python_model=str(SCRIPT),
-            artifacts={"model": str(record.model)},
-            signature=signature,
-            input_example=example,
-            pip_requirements=["hybrid-dynamics"],
-        )
-
-
-def _example(features: Path) -> pd.DataFrame:
-    """The first rows of the features, in the order the estimators expect."""
-    file = pq.ParquetFile(features)
-    n_joints = sum(name.startswith("tau_gravity") for name in file.schema_arrow.names)
-    columns = list(feature_names(n_joints))
-    return next(file.iter_batches(batch_size=EXAMPLE_ROWS, columns=columns)).to_pandas()[columns]
