@@ -79,17 +79,19 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _tell(console: Console, diagnosis: dict[str, Any], out: Path) -> None:
-    from hybrid_dynamics.cli.words import details, headline, joint_rows, parameter_lines
+    from hybrid_dynamics.cli.words import details, headline, joint_rows, notes, parameter_lines, verdict_line
     from hybrid_dynamics.loop_report.output import RESULT_FILES
 
-    console.say(f"{diagnosis['robot']}: {diagnosis['verdict'].replace('_', ' ')}")
+    console.say(verdict_line(diagnosis))
     console.say(headline(diagnosis))
     for line in details(diagnosis):
         console.say(f"  {line}")
+    if diagnosis["effects"]:
+        console.say("parameters ± standard errors:")
     for line in parameter_lines(diagnosis):
         console.say(f"  {line}")
     console.table(*joint_rows(diagnosis))
-    for note in diagnosis.get("notes", []):
+    for note in notes(diagnosis):
         console.say(f"note: {note}")
     console.say(f"report: {out / 'report.html'}")
     console.result(

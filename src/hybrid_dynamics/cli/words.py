@@ -5,21 +5,30 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-#: Effects whose first parameter alone says too little.
-_SHOWN_PARAMETERS = {"gravity_tilt": 2, "stribeck_friction": 3, "torque_ripple": 3, "joint_spring": 2, "drift": 2}
+from hybrid_dynamics.cli.parameter_words import place, settings_words, several_words, single_words
+from hybrid_dynamics.loop_report.words import VERDICTS, confirmed, final_errors, state_of, title_of, with_error
+
+Entry = Mapping[str, Any]
+#: Kinds of effects whose values stand in the headline; of further ones the names.
 _MOST = 4
+#: Notes of a diagnosis that say again what :func:`details` says.
+TOLD_ALREADY = ("contradicted by the test runs", "what is left changes slowly", "differ between runs beyond")
+
+
+def verdict_line(diagnosis: Mapping[str, Any]) -> str:
+    """``panda: explained: what the model lacked has been found ...``."""
+    verdict = diagnosis["verdict"]
+    meaning = VERDICTS[verdict]
+    return f"{diagnosis['robot']}: {verdict.replace('_', ' ')}: {meaning[:1].lower()}{meaning[1:].rstrip('.')}"
 
 
 def headline(diagnosis: Mapping[str, Any]) -> str:
     """One line: ``missing: payload 1.47 kg; held-out error 22.8 % → 0.62 %``."""
     verdict = diagnosis["verdict"]
-    phrases = effect_phrases([e for e in diagnosis["effects"] if e.get("confirmed", True)])
-    if len(phrases) > _MOST:
-        phrases = [*phrases[:_MOST], f"{len(phrases) - _MOST} more"]
-    named = "; ".join(phrases)
-    error = _error_change(diagnosis["error"]["test"])
+    named = "; ".join(effect_phrases([e for e in diagnosis["effects"] if confirmed(e)]))
+    error = _error_change(diagnosis)
     if verdict == "nothing_missing":
-        return f"nothing is missing; {_error_now(diagnosis['error']['test'])}"
+        return f"nothing is missing; held-out error {_percent(final_errors(diagnosis)['relative_error'])}"
     if not named:
         return f"something is missing, but nothing known explains it; {error}"
     if verdict == "explained":
@@ -27,123 +36,156 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
     return f"missing, and not all: {named}; {error}"
 
 
-def effect_phrases(effects: Sequence[Mapping[str, Any]]) -> list[str]:
+def effect_phrases(effects: Sequence[Entry]) -> list[str]:
     """``payload 1.47 kg``, ``viscous friction 2 N m s/rad on joint_1``; the same effect on several joints is one."""
-    groups: dict[str, list[Mapping[str, Any]]] = {}
+    groups: dict[str, list[Entry]] = {}
     for entry in effects:
         groups.setdefault(entry["effect"], []).append(entry)
     out = []
     for name, entries in groups.items():
-        words = name.replace("_", " ")
-        if len(entries) == 1:
-            where = f" on {entries[0]['joints'][0]}" if entries[0]["joints"] else ""
-            out.append(" ".join(f"{words} {_values(entries[0])}".split()) + where)
-            continue
-        places = [entry["joints"][0] for entry in entries if entry["joints"]]
-        where = f"on {', '.join(places)}" if len(places) <= 3 else f"on {len(places)} joints"
-        out.append(f"{words} {_range(entries)}{where}")
+        several = len(entries) > 1
+        if len(out) >= _MOST:
+            out.append(f"{'' if out[-1].startswith('also ') else 'also '}{title_of(name)}{_where(entries)}")
+        elif several:
+            out.append(several_words(entries, _where(entries)))
+        else:
+            out.append(single_words(entries[0]))
     return out
 
 
 def details(diagnosis: Mapping[str, Any]) -> list[str]:
-    """What is not settled, a line each: beyond noise, contradicted, alike, inconsistent between runs, out of reach."""
-    out = []
-    alarms = diagnosis.get("motion_dependent") or [False] * len(diagnosis["joints"])
-    told = {entry["joint"] for entry in diagnosis["unexplained"]}
-    doubts = dict(zip(diagnosis["joints"], diagnosis.get("cannot_tell", []), strict=False))
-    for entry in diagnosis["unexplained"]:
-        share = entry["share_of_residual_variance"]
-        looks = f"; it looks like {entry['expression']}" if entry.get("expression", "0") != "0" else ""
-        if doubts.get(entry["joint"]):
-            out.append(
-                f"cannot tell: {entry['joint']}: what is left may be slow noise or an effect that is missing{looks}"
-            )
-        else:
-            out.append(f"not down to noise: {entry['joint']}: {share:.0%} of what is left is no noise{looks}")
-    for joint, alarm in zip(diagnosis["joints"], alarms, strict=False):
-        if alarm and joint not in told:
-            out.append(f"not down to noise: {joint}: what is left depends on the motion")
+    """What is not settled, a line each: left beyond noise, contradicted, alike, torn between runs, out of reach."""
+    out = _left(diagnosis)
     for entry in diagnosis["effects"]:
-        what = _place(entry)
-        if not entry.get("confirmed", True):
+        if not confirmed(entry):
             why = f": {entry['why_not']}" if entry.get("why_not") else ""
-            out.append(f"contradicted by the test runs: {what}{why}")
-        for other in entry.get("indistinguishable_from", []):
-            names = " and ".join(_place(e) for e in other["effects"])
-            tell = (
-                f"; what would tell: {other['motion_that_would_tell']}" if other.get("motion_that_would_tell") else ""
-            )
-            out.append(f"cannot be told apart: {what} and {names}: {other['why']}{tell}")
+            out.append(f"contradicted by the test runs, not in the model: {place(entry)}{why}")
+    out += _alike(diagnosis["effects"])
+    for entry in diagnosis["effects"]:
         if entry.get("undetermined_parameters"):
-            out.append(f"left open by these motions: {', '.join(entry['undetermined_parameters'])} of {what}")
-        for inconsistent in entry.get("inconsistent_between_runs", []):
-            runs = ", ".join(f"{r['run']} {r['value']:.3g}" for r in inconsistent["runs"])
-            out.append(f"differs between runs: {inconsistent['parameter']} of {what} [{inconsistent['unit']}]: {runs}")
-    for entry in diagnosis.get("not_identifiable", []):
-        out.append(f"out of reach: {entry['joint']}: {entry['why']}")
+            names = ", ".join(name.replace("_", " ") for name in entry["undetermined_parameters"])
+            out.append(f"left open by these motions: {names} of {place(entry)}")
+        for torn in entry.get("inconsistent_between_runs", []):
+            runs = ", ".join(f"{r['run']} {r['value']:.3g}" for r in torn["runs"])
+            out.append(f"differs between runs: {torn['parameter']} of {place(entry)} [{torn['unit']}]: {runs}")
+    out += [f"out of reach: {entry['joint']}: {entry['why']}" for entry in diagnosis.get("not_identifiable", [])]
+    return [*out, *_outside(diagnosis)]
+
+
+def _left(diagnosis: Mapping[str, Any]) -> list[str]:
+    """What no effect explains, and what cannot be told from slow noise."""
+    joints, final = list(diagnosis["joints"]), final_errors(diagnosis)["rmse"]
+    alarms = dict(zip(joints, diagnosis.get("motion_dependent") or [False] * len(joints), strict=False))
+    doubts = dict(zip(joints, diagnosis.get("cannot_tell") or [False] * len(joints), strict=False))
+    out, would_be = [], []
+    told = {entry["joint"] for entry in diagnosis["unexplained"]}
+    for entry in diagnosis["unexplained"]:
+        joint, expression = entry["joint"], entry.get("expression") or "0"
+        looks = "" if expression == "0" else f"; it looks like {expression} [N m]"
+        if doubts.get(joint):
+            would_be += [] if expression == "0" else [f"{joint} {expression}"]
+            continue
+        out.append(
+            f"not down to noise: {joint}: {100 * entry['share_of_residual_variance']:.2g} % of the mean square that is "
+            f"left (rms {final[joints.index(joint)]:.3g} N m) depends on the motion{looks}"
+        )
+    out += [
+        f"not down to noise: {joint}: what is left depends on the motion"
+        for joint in joints
+        if alarms.get(joint) and joint not in told
+    ]
+    if slow := [joint for joint in joints if doubts.get(joint)]:
+        looks = f"; an effect would look like {', '.join(would_be)} [N m]" if would_be else ""
+        out.append(
+            f"cannot be told: {', '.join(slow)}: what is left changes slowly, slow noise or an effect that is missing"
+            f"{looks}; what would tell: runs that pass the same states again"
+        )
     return out
 
 
+def _alike(effects: Sequence[Entry]) -> list[str]:
+    """Effects that these motions cannot tell apart, the same pair on several joints in one line."""
+    groups: dict[tuple[str, ...], list[tuple[Entry, Mapping[str, Any]]]] = {}
+    for entry in effects:
+        for other in entry.get("indistinguishable_from", []):
+            own = all(e.get("joints") == entry.get("joints") for e in other["effects"])
+            kinds = tuple(e["effect"] for e in other["effects"])
+            key = (entry["effect"], *kinds) if own else (str(id(other)),)
+            groups.setdefault(key, []).append((entry, other))
+    out = []
+    for pairs in groups.values():
+        entry, other = pairs[0]
+        tells = (other.get("motion_that_would_tell") or "").rstrip(".")
+        lead = "" if tells.startswith("No ") else "what would tell: "
+        tell = f"; {lead}{tells[:1].lower()}{tells[1:]}" if tells else ""
+        if len(pairs) == 1:
+            names = " and ".join(place(e) for e in other["effects"])
+            out.append(f"cannot be told apart: {place(entry)} and {names}: {other['why']}{tell}")
+            continue
+        names = " and ".join(title_of(e["effect"]) for e in other["effects"])
+        why = f": {other['why']}" if len({o["why"] for _, o in pairs}) == 1 else ""
+        where = ", ".join(e["joints"][0] for e, _ in pairs)
+        out.append(f"cannot be told apart: {title_of(entry['effect'])} and {names} on {where}{why}{tell}")
+    return out
+
+
+def _outside(diagnosis: Mapping[str, Any]) -> list[str]:
+    far = [o for o in diagnosis.get("extrapolation") or [] if o.get("share_outside", 0.0) > 0.05]
+    if not far:
+        return []
+    shown = ", ".join(f"{o['share_outside']:.0%} of {o['variable']} of {o['joint']}" for o in far[:3])
+    more = f" and {len(far) - 3} more" if len(far) > 3 else ""
+    return [f"the test motion leaves the training range: {shown}{more}; there the model is not proven by like motions"]
+
+
+def notes(diagnosis: Mapping[str, Any]) -> list[str]:
+    """The diagnosis's notes, without those that :func:`details` has told already."""
+    return [note for note in diagnosis.get("notes", []) if not any(words in note for words in TOLD_ALREADY)]
+
+
 def parameter_lines(diagnosis: Mapping[str, Any]) -> list[str]:
-    """Every effect with its parameters and standard errors."""
+    """Every effect with its parameters, standard errors and settings."""
     out = []
     for entry in diagnosis["effects"]:
-        values = ", ".join(_with_error(p) for p in entry["parameters"])
-        mark = "" if entry.get("confirmed", True) else " (contradicted, not in the model)"
-        out.append(f"{_place(entry)}: {values}{mark}" if values else f"{_place(entry)}{mark}")
+        open_names = entry.get("undetermined_parameters", ())
+        bodies: dict[str | None, list[str]] = {}
+        for p in entry["parameters"]:
+            words = f"{title_of(p['name'])} {with_error(p['value'], p.get('std_error'), p['unit'])}"
+            bodies.setdefault(p.get("joint"), []).append(words + (" (left open)" if p["name"] in open_names else ""))
+        mark = "" if confirmed(entry) else " (contradicted, not in the model)"
+        own = [*(next(iter(bodies.values())) if len(bodies) == 1 else []), *settings_words(entry, placed=True)]
+        out.append(f"{place(entry)}: {', '.join(own)}{mark}" if own else f"{place(entry)}{mark}")
+        if len(bodies) > 1:
+            # Ten numbers a link: a line a link.
+            out += [f"  link of {joint}: {', '.join(values)}" for joint, values in bodies.items()]
     return out
 
 
 def joint_rows(diagnosis: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """Header and rows of the table of held-out errors [N m]."""
-    test = diagnosis["error"]["test"]
-    final = test.get("after_confirmed", test["after"])
+    before, final = diagnosis["error"]["test"]["before"], final_errors(diagnosis)
     low, high = (diagnosis.get(f"noise_floor_{side}") for side in ("low", "high"))
     rows = []
     for j, name in enumerate(diagnosis["joints"]):
         floor = f"{diagnosis['noise_floor'][j]:.3g}"
         if low and high:
             floor += f" ({low[j]:.3g} to {high[j]:.3g})"
-        rows.append([name, f"{test['before']['rmse'][j]:.3g}", f"{final['rmse'][j]:.3g}", floor])
-    return ["held-out rmse [N m]", "before", "after", "noise floor"], rows
+        errors = [f"{before['rmse'][j]:.3g}", f"{final['rmse'][j]:.3g}"]
+        rows.append([name, *errors, _percent(final["relative_rmse"][j]), floor, state_of(diagnosis, j)[1]])
+    return ["held-out rmse [N m]", "before", "after", "of the spread", "noise floor", "what is left"], rows
 
 
-def _place(entry: Mapping[str, Any]) -> str:
-    where = f" on {entry['joints'][0]}" if entry.get("joints") else ""
-    return f"{entry['effect'].replace('_', ' ')}{where}"
-
-
-def _values(entry: Mapping[str, Any]) -> str:
-    shown = entry["parameters"][: _SHOWN_PARAMETERS.get(entry["effect"], 1)]
-    several = len(shown) > 1
-    return ", ".join(
-        f"{p['name'].replace('_', ' ') + ' ' if several else ''}{p['value']:.3g} {p['unit']}".rstrip(" -–")
-        for p in shown
-    )
-
-
-def _range(entries: Sequence[Mapping[str, Any]]) -> str:
-    first = [entry["parameters"][0] for entry in entries if entry["parameters"]]
-    if not first:
+def _where(entries: Sequence[Entry]) -> str:
+    places = list(dict.fromkeys(entry["joints"][0] for entry in entries if entry["joints"]))
+    if not places:
         return ""
-    values = sorted(p["value"] for p in first)
-    return f"{values[0]:.3g} to {values[-1]:.3g} {first[0]['unit']} ".replace(" – ", " ")
-
-
-def _with_error(p: Mapping[str, Any]) -> str:
-    error = f" ± {p['std_error']:.2g}" if p.get("std_error") is not None else ""
-    return f"{p['name']} {p['value']:.4g}{error} {p['unit']}".rstrip(" –")
+    return f" on {', '.join(places)}" if len(places) <= 3 else f" on {len(places)} joints"
 
 
 def _percent(value: float | None) -> str:
     return "unknown" if value is None else f"{100 * value:.3g} %"
 
 
-def _error_change(test: Mapping[str, Any]) -> str:
-    final = test.get("after_confirmed", test["after"])
-    return f"held-out error {_percent(test['before']['relative_error'])} → {_percent(final['relative_error'])}"
-
-
-def _error_now(test: Mapping[str, Any]) -> str:
-    final = test.get("after_confirmed", test["after"])
-    return f"held-out error {_percent(final['relative_error'])}"
+def _error_change(diagnosis: Mapping[str, Any]) -> str:
+    before = diagnosis["error"]["test"]["before"]["relative_error"]
+    return f"held-out error {_percent(before)} → {_percent(final_errors(diagnosis)['relative_error'])}"

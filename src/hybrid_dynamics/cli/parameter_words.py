@@ -1,0 +1,106 @@
+"""The parameters and settings of an effect in words: those that matter, with their units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hybrid_dynamics.loop_report.words import title_of, unit_of
+
+Entry = Mapping[str, Any]
+#: An effect with more parameters than this has a table's worth of them; the headline counts its links.
+_MOST = 4
+
+
+def place(entry: Entry) -> str:
+    """``Coulomb friction on joint_3``, ``joint coupling of joint_5 and joint_6``."""
+    joints = list(entry.get("joints") or [])
+    settings = entry.get("settings") or {}
+    name = title_of(entry["effect"])
+    if joints and "from_joint" in settings:
+        partner = settings["from_joint"]
+        if settings.get("rows") == "both":
+            return f"{name} of {joints[0]} and {partner}"
+        return f"{name} on {joints[0]} from {partner}"
+    return f"{name} on {joints[0]}" if joints else name
+
+
+def single_words(entry: Entry) -> str:
+    """One effect with the parameters that matter: ``viscous friction 2 N m s/rad on shoulder``."""
+    shown = matter(entry)
+    extra = settings_words(entry)
+    if len(shown) == 1 and not extra:
+        where = place(entry).removeprefix(title_of(entry["effect"]))
+        return f"{title_of(entry['effect'])} {_value(shown[0])}{where}"
+    values = [f"{title_of(p['name'])} {_value(p)}" for p in shown] + extra
+    return f"{place(entry)} ({', '.join(values)})" if values else place(entry)
+
+
+def several_words(entries: Sequence[Entry], where: str) -> str:
+    """The same effect on several joints, every parameter as a range: ``Coulomb friction 2.7 to 8.5 N m on a, b``."""
+    ranges: dict[str, list[Mapping[str, Any]]] = {}
+    for entry in entries:
+        for p in matter(entry):
+            ranges.setdefault(p["name"], []).append(p)
+    name = title_of(entries[0]["effect"])
+    if len(ranges) == 1:
+        return f"{name} {_range(next(iter(ranges.values())))}{where}"
+    values = ", ".join(f"{title_of(key)} {_range(own)}" for key, own in ranges.items())
+    return f"{name}{where} ({values})" if values else f"{name}{where}"
+
+
+def matter(entry: Entry) -> list[Mapping[str, Any]]:
+    """Parameters that a person asks for first: of a body its mass, else those that are known and not zero."""
+    parameters = list(entry["parameters"])
+    if len({p.get("joint") for p in parameters}) > 1:
+        return []
+    if parameters and parameters[0]["name"] == "mass":
+        return parameters[:1]
+    if len(parameters) > _MOST or "expression" in (entry.get("settings") or {}):
+        return []
+    left_open = entry.get("undetermined_parameters", ())
+    known = [p for p in parameters if p["name"] not in left_open and abs(p["value"]) > (p.get("std_error") or 0.0)]
+    return known or parameters[:1]
+
+
+def settings_words(entry: Entry, placed: bool = False) -> list[str]:
+    """What is not a number that was identified; with ``placed`` also how dry friction turns over."""
+    settings = dict(entry.get("settings") or {})
+    out = []
+    if settings.get("sign_of") in ("sum", "difference"):
+        out.append(f"of the {settings['sign_of']} of both speeds")
+    if "of" in settings:
+        out.append(f"of the {settings['of']} torque" if settings["of"] != "offset" else "of the offset")
+    if "shape" in settings:
+        out.append(f"{settings['shape']} in q")
+    if "expression" in settings:
+        out.append(f"{settings['expression']} [N m]")
+    if "links" in settings:
+        out.append(
+            f"{len(settings['links'])} links: {', '.join(settings['links'])}"
+            if placed
+            else f"{len(settings['links'])} links"
+        )
+    for start, end in settings.get("intervals", ()):
+        out.append(f"{start:.4g} to {end:.4g} s")
+    if "only_run" in settings:
+        out.append(f"in run {settings['only_run']} alone")
+    if placed and settings.get("sign_width"):
+        out.append(f"sign turns over {settings['sign_width']:g} rad/s")
+    if placed and settings.get("sign_displacement"):
+        out.append(f"sign turns over {settings['sign_displacement']:g} rad")
+    return out
+
+
+def _value(p: Mapping[str, Any]) -> str:
+    return f"{p['value']:.3g}{_tail(p['unit'])}"
+
+
+def _range(parameters: Sequence[Mapping[str, Any]]) -> str:
+    values = sorted(p["value"] for p in parameters)
+    low, high = f"{values[0]:.3g}", f"{values[-1]:.3g}"
+    return f"{low if low == high else f'{low} to {high}'}{_tail(parameters[0]['unit'])}"
+
+
+def _tail(unit: str) -> str:
+    return "" if unit in ("", "-", "–", "1") else f" {unit_of(unit)}"

@@ -1,0 +1,167 @@
+"""A diagnosis in words: every effect with all its numbers, what is not settled in one line each."""
+
+import inspect
+import re
+
+import pytest
+
+from hybrid_dynamics.cli.words import TOLD_ALREADY, details, headline, joint_rows, notes, parameter_lines
+from hybrid_dynamics.effects import Effect, catalogue, family
+from hybrid_dynamics.loop import describe
+from hybrid_dynamics.loop.model import effect_to_json
+from hybrid_dynamics.loop_report.words import _tail, title_of, with_error
+
+
+def diagnosis() -> dict:
+    errors = {"rmse": [1.0, 2.0], "relative_rmse": [0.1, 0.2], "relative_error": 0.228}
+    better = {"rmse": [0.1, 0.2], "relative_rmse": [0.01, 0.02], "relative_error": 0.0062}
+
+    def effect(name: str, joints: list[str], *parameters: tuple[str, float, str], **more: object) -> dict:
+        rows = [{"name": n, "joint": None, "value": v, "std_error": 0.01, "unit": u} for n, v, u in parameters]
+        return {"effect": name, "joints": joints, "parameters": rows, "indistinguishable_from": [], **more}
+
+    return {
+        "robot": "arm",
+        "joints": ["a", "b"],
+        "verdict": "explained",
+        "effects": [effect("payload", [], ("mass", 1.47, "kg"), ("com_x", 0.1, "m"))],
+        "error": {"test": {"before": errors, "after": better}},
+        "noise_floor": [0.1, 0.2],
+        "unexplained": [],
+    } | {"effect": effect}
+
+
+def test_words_for_every_verdict():
+    value = diagnosis()
+    effect = value.pop("effect")
+    assert headline(value) == "missing: payload 1.47 kg; held-out error 22.8 % → 0.62 %"
+    value["effects"] += [
+        effect("coulomb_friction", ["a"], ("coulomb_torque", 3.0, "N m")),
+        effect("coulomb_friction", ["b"], ("coulomb_torque", 5.0, "N m")),
+        effect("armature", ["b"], ("armature", 0.2, "kg m²"), confirmed=False, why_not="the error grows by 3 %"),
+    ]
+    value["verdict"] = "partly_explained"
+    line = headline(value)
+    assert line.startswith("missing, and not all: payload 1.47 kg; Coulomb friction 3 to 5 N m on a, b;")
+    assert "armature" not in line
+    contradicted = "contradicted by the test runs, not in the model: armature on b: the error grows by 3 %"
+    assert contradicted in details(value)
+    assert any("contradicted, not in the model" in x for x in parameter_lines(value))
+    value |= {"effects": [], "verdict": "unexplained", "motion_dependent": [True, True]}
+    value["unexplained"] = [{"joint": "b", "share_of_residual_variance": 0.7, "expression": "sin(q1)"}]
+    assert headline(value).startswith("something is missing, but nothing known explains it; held-out error 22.8 %")
+    told = details(value)
+    left = "not down to noise: b: 70 % of the mean square that is left (rms 0.2 N m) depends on the motion"
+    assert f"{left}; it looks like sin(q1) [N m]" in told
+    assert "not down to noise: a: what is left depends on the motion" in told
+    value["verdict"] = "nothing_missing"
+    assert headline(value) == "nothing is missing; held-out error 0.62 %"
+
+
+def test_words_for_what_cannot_be_told_apart():
+    value = diagnosis()
+    value.pop("effect")
+    value["effects"][0]["indistinguishable_from"] = [
+        {
+            "effects": [{"effect": "link_inertia", "joints": ["b"]}],
+            "why": "same torque",
+            "motion_that_would_tell": "turn",
+        }
+    ]
+    value["error"]["test"]["after_confirmed"] = value["error"]["test"]["before"]
+    value |= {"noise_floor_low": [0.05, 0.1], "noise_floor_high": [0.2, 0.3]}
+    assert "cannot be told apart: payload and link inertia on b: same torque; what would tell: turn" in details(value)
+    assert headline(value).endswith("22.8 % → 22.8 %")
+    header, rows = joint_rows(value)
+    assert len(header) == len(rows[0]) == 6
+    assert rows[0] == ["a", "1", "1", "10 %", "0.1 (0.05 to 0.2)", "down to the noise"]
+
+
+SETTINGS = {
+    "joint_coupling": {"from_joint": "elbow", "rows": "both", "sign_of": "sum"},
+    "joint_spring": {"shape": "sine"},
+    "drift": {"of": "coulomb"},
+    "external_contact": {"intervals": ((1.0, 2.5),)},
+    "symbolic_torque": {"expression": "sin(2*q1)"},
+    "inertial_parameters": {"links": ("shoulder", "elbow")},
+}
+
+
+@pytest.mark.parametrize("name", sorted(catalogue()))
+def test_every_effect_of_the_catalogue_is_named_with_all_its_numbers(name):
+    """Parameters with names, values, errors and units, settings in words; in the headline those that matter."""
+    kind, settings = family(name), SETTINGS.get(name, {})
+    keys = kind.published(settings)
+    values = {key: 1.5 + 0.25 * k for k, key in enumerate(keys)}
+    joints = () if kind.scope == "robot" else ("shoulder",)
+    entry = effect_to_json(Effect(name, joints, values, settings, dict.fromkeys(keys, 0.125)))
+    entry["indistinguishable_from"] = []
+    value = diagnosis() | {"effects": [entry]}
+    lines = parameter_lines(value)
+    words = " ".join(lines)
+    assert len(lines) == (3 if name == "inertial_parameters" else 1)
+    for p in entry["parameters"]:
+        assert re.search(rf"{title_of(p['name'])} {with_error(p['value'], 0.125, p['unit'])}(,|$| +link)", words), p
+    line = headline(value).split(";")[0]
+    assert line.startswith(f"missing: {title_of(name)}")
+    body = keys and keys[0].endswith("mass")
+    for p in [] if len(keys) > 4 or name == "symbolic_torque" else entry["parameters"][: 1 if body else None]:
+        assert f"{p['value']:.3g}{_tail(p['unit'])}" in line, (p, line)
+    for said in {
+        "joint_coupling": ["of shoulder and elbow", "of the sum of both speeds"],
+        "joint_spring": ["sine in q"],
+        "drift": ["of the coulomb torque"],
+        "external_contact": ["1 to 2.5 s"],
+        "symbolic_torque": ["sin(2*q1) [N m]"],
+        "inertial_parameters": ["2 links"],
+    }.get(name, [" on shoulder"] if joints else []):
+        assert said in line
+
+
+def test_what_is_zero_or_left_open_is_not_in_the_headline():
+    value = diagnosis()
+    effect = value.pop("effect")
+    friction = effect(
+        "stribeck_friction",
+        ["a"],
+        ("coulomb_torque", 2.0, "N m"),
+        ("static_torque", 3.0, "N m"),
+        ("stribeck_velocity", 0.02, "rad/s"),
+        undetermined_parameters=["stribeck_velocity"],
+    )
+    value["effects"] = [friction]
+    assert headline(value).startswith(
+        "missing: Stribeck friction on a (Coulomb torque 2 N m, static torque 3 N m); held"
+    )
+    assert "Stribeck velocity 0.020 ± 0.010 rad/s (left open)" in parameter_lines(value)[0]
+    assert "left open by these motions: stribeck velocity of Stribeck friction on a" in details(value)
+    other = effect("stribeck_friction", ["b"], ("coulomb_torque", 5.0, "N m"), ("static_torque", 0.0, "N m"))
+    value["effects"].append(other)
+    assert "Stribeck friction on a, b (Coulomb torque 2 to 5 N m, static torque 3 N m)" in headline(value)
+    kinds = ("viscous_friction", "torque_offset", "armature", "torque_gain", "torque_ripple")
+    value["effects"] += [effect(kind, ["a"], ("x", 1.0, "1")) for kind in kinds]
+    assert "; also torque gain on a; torque ripple on a; held-out error" in headline(value)
+
+
+def test_the_same_doubt_on_several_joints_is_one_line():
+    value = diagnosis()
+    effect = value.pop("effect")
+    alike = {"why": "the same torque", "motion_that_would_tell": "Move fast."}
+    value["effects"] = [
+        effect("viscous_friction", [j], ("viscous_coefficient", 1.0, "N m s/rad"))
+        | {"indistinguishable_from": [{"effects": [{"effect": "torque_offset", "joints": [j]}], **alike}]}
+        for j in ("a", "b")
+    ]
+    told = "viscous friction and torque offset on a, b: the same torque; what would tell: move fast"
+    assert f"cannot be told apart: {told}" in details(value)
+    value |= {"cannot_tell": [True, True], "verdict": "partly_explained"}
+    value["unexplained"] = [{"joint": j, "share_of_residual_variance": 0.7, "expression": "0"} for j in ("a", "b")]
+    value["extrapolation"] = [{"joint": "a", "variable": "dq", "share_outside": 0.25}]
+    told = [line for line in details(value) if not line.startswith("cannot be told apart")]
+    assert told[0].startswith("cannot be told: a, b: what is left changes slowly")
+    assert told[1].startswith("the test motion leaves the training range: 25% of dq of a;")
+    # The diagnosis says it again in its notes; the console once. Its words are those that are looked for.
+    value["notes"] = ["a: what is left changes slowly (...)", "another note"]
+    assert notes(value) == ["another note"]
+    source = inspect.getsource(describe)
+    assert all(words in source for words in TOLD_ALREADY)
