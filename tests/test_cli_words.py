@@ -87,7 +87,7 @@ SETTINGS = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(catalogue()))
+@pytest.mark.parametrize("name", catalogue(everything=True))
 def test_every_effect_of_the_catalogue_is_named_with_all_its_numbers(name):
     """Parameters with names, values, errors and units, settings in words; in the headline those that matter."""
     kind, settings = family(name), SETTINGS.get(name, {})

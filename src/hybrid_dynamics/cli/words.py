@@ -41,7 +41,7 @@ def effect_phrases(effects: Sequence[Entry]) -> list[str]:
     groups: dict[str, list[Entry]] = {}
     for entry in effects:
         groups.setdefault(entry["effect"], []).append(entry)
-    out = []
+    out: list[str] = []
     for name, entries in groups.items():
         several = len(entries) > 1
         if len(out) >= _MOST:
