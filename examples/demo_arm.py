@@ -1,4 +1,4 @@
-"""A two-joint arm for the examples: its URDF, and runs of it with friction and a payload that the URDF does not know.
+"""A two-joint arm for the examples: its URDF, and runs of it with friction that the URDF does not know.
 
 Stands in for your robot and your logs; replace it by them.
 """
@@ -12,8 +12,7 @@ from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.trajectory import Trajectory
 
-URDF = """<?xml version="1.0"?>
-<robot name="demo_arm">
+URDF = """<robot name="arm">
   <link name="base"/>
   <link name="upper"><inertial><origin xyz="0 0 0.2"/><mass value="4"/>
     <inertia ixx="0.06" iyy="0.06" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import yaml
+from tests.small_arm import arm, runs, write_logs
 
 from hybrid_dynamics.check import checked
 from hybrid_dynamics.check.content import check_content, check_rate
@@ -15,7 +16,6 @@ from hybrid_dynamics.cli import main
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.trajectory import Trajectory
-from small_arm import arm, runs, write_logs
 
 
 @pytest.fixture(scope="module")

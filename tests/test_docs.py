@@ -9,8 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from small_arm import write_logs
+from tests.small_arm import URDF, write_logs
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -44,6 +43,10 @@ def test_your_own_robot_in_five_minutes_runs_as_it_is_written(tmp_path: Path) ->
     assert "Coulomb friction on elbow" in page
     for name in ("predicted.parquet", "completed.urdf", "completed.py", "changed/report.html"):
         assert (tmp_path / name).is_file()
+
+
+def test_the_tutorial_has_the_arm_of_the_examples() -> None:
+    assert URDF in (ROOT / "docs" / "tutorial.py").read_text("utf-8")
 
 
 def test_the_tutorial_finds_what_it_hid(tmp_path: Path) -> None:

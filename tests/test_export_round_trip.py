@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.small_arm import URDF
 from tests.support_export import imported, saved
 
 from hybrid_dynamics.effects import Effect, catalogue
@@ -12,7 +13,6 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-from small_arm import URDF
 
 S, E = "shoulder", "elbow"
 #: One of each family, of a size that matters on the small arm.

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.small_arm import arm, write_logs
 
 from hybrid_dynamics.errors import MissingDependencyError, needs_extra
 from hybrid_dynamics.models import NetworkEstimator
 from hybrid_dynamics.readers import read_log
-from small_arm import arm, write_logs
 
 #: Packages that only an extra brings (pyproject.toml).
 EXTRAS = {

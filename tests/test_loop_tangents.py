@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from tests.two_links import two_links
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model
@@ -12,7 +13,6 @@ from hybrid_dynamics.loop.excitation import excitation
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.trajectory import Trajectory
-from two_links import two_links
 
 ROBOT = two_links()
 ELBOW = ("elbow",)

@@ -7,10 +7,10 @@ import subprocess
 import sys
 
 import pytest
+from tests.small_arm import arm, runs, write_logs
 
 import hybrid_dynamics
 from hybrid_dynamics.loop.diagnosis import write_diagnosis
-from small_arm import arm, runs, write_logs
 
 HEAVY = ("numpy", "pinocchio", "scipy", "torch", "pysindy", "sympy", "pyarrow")
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.two_links import two_links
 
 from hybrid_dynamics.effects import Effect, catalogue, family, predict
 from hybrid_dynamics.errors import InputError
@@ -9,7 +10,6 @@ from hybrid_dynamics.simulation import ControllerSettings, SensorSettings, make_
 from hybrid_dynamics.simulation.planted import planted, sensors_for
 from hybrid_dynamics.simulation.references import ReferenceSettings
 from hybrid_dynamics.simulation.rollout import Rollout
-from two_links import two_links
 
 ROBOT = two_links()
 ELBOW = ("elbow",)

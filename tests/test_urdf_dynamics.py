@@ -3,13 +3,13 @@
 import json
 
 import pytest
+from tests.small_arm import HIDDEN, URDF, write_logs
 
 from hybrid_dynamics.close_files import LoopFiles, close_files
 from hybrid_dynamics.effects.urdf_dynamics import urdf_dynamics
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings
 from hybrid_dynamics.robots import Robot
-from small_arm import HIDDEN, URDF, write_logs
 
 TRUE = ('<dynamics damping="3.0" friction="0"/>', '<dynamics damping="0.0" friction="1.5"/>')
 SETTINGS = LoopSettings(effects=("viscous_friction", "coulomb_friction", "torque_offset"))

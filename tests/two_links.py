@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+from tests.small_arm import write_folder
+
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop.excitation import excitations
-from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot
 
 URDF = """<robot name="two_links"><link name="base"/>
@@ -24,13 +25,10 @@ EFFECTS = (
 
 
 def two_links() -> Robot:
+    """The arm as its URDF says it is."""
     return Robot.from_text(URDF, "two_links.urdf")
 
 
 def write_recordings(folder: Path, duration: float = 6.0, rate: float = 200.0) -> None:
     """``robot.urdf`` and the logs ``train_1 train_2 test_1`` of the arm with :data:`EFFECTS`."""
-    (folder / "robot.urdf").write_text(URDF)
-    robot = two_links()
-    train, test = excitations(robot, EFFECTS, train=2, test=1, duration=duration, rate=rate)
-    for run in (*train, *test):
-        write_log(folder / f"{run.name}.parquet", run, robot.joint_names)
+    write_folder(folder, URDF, *excitations(two_links(), EFFECTS, train=2, test=1, duration=duration, rate=rate))
