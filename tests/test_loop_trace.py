@@ -11,6 +11,7 @@ from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, to_body, to_dynamic
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.evidence import Evidence, Held, Layout
 from hybrid_dynamics.loop.excitation import excitations
+from hybrid_dynamics.loop.gram import BlockGrams
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.process import process
 from hybrid_dynamics.loop.search import _replace, search
@@ -33,9 +34,9 @@ class Told:
 
     def __post_init__(self) -> None:
         columns = np.stack(list(self.residuals.values()), axis=2)
-        self.own_gram = [[np.einsum("bti,btj->bij", columns, columns)]]
-        self.own_sum = [[grams.sum(axis=0) for grams in fold] for fold in self.own_gram]
-        self.fold_blocks, self.block_run = [np.arange(BLOCKS)], np.zeros(BLOCKS, int)
+        self.gram = [BlockGrams.of(np.einsum("bti,btj->bij", columns, columns))]
+        self.own_sum = [[gram.total() for gram in self.gram]]
+        self.fold_parts, self.block_run = [[slice(None)]], np.zeros(BLOCKS, int)
         self.block_rows = [(0, 0)] * BLOCKS
 
     def held(self, terms: Any, physical: bool = False) -> Held:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Motion, Term
+from hybrid_dynamics.loop.gram import BlockGrams
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.physics import physical_constraints
 from hybrid_dynamics.loop.process import Run
@@ -73,29 +74,23 @@ class Held:
         """Weighted sum of :attr:`joint_errors`."""
         return float(self.joint_errors @ self._evidence.weights)
 
-    @cached_property
-    def errors(self) -> Array:
-        """Squared held-out residual sums (blocks, n) [N m]^2."""
-        return self.cross(self)
-
-    def cross(self, other: Held) -> Array:
-        """Block-wise sums (blocks, n) [N m]^2 of this residual times that of ``other``."""
+    def change(self, old: Held, new: Held) -> Array:
+        """Block-wise sums (blocks, n) [N m]^2 of this residual times the change of the prediction from ``old`` to
+        ``new``."""
         evidence = self._evidence
-        out = np.empty((len(evidence.block_rows), evidence.n))
-        for f, own in enumerate(evidence.fold_blocks):
-            for j, gram in enumerate(evidence.own_gram[f]):
-                v, w = self.folds[f][j], other.folds[f][j]
-                # Most columns belong to neither: only the others are touched.
-                rows, columns = np.flatnonzero(w), np.flatnonzero(v)
-                out[own, j] = (gram[:, rows[:, None], columns] @ v[columns]) @ w[rows]
-        return np.maximum(out, 0.0) if other is self else out
+        out = np.empty((len(evidence.block_run), evidence.n))
+        for f, parts in enumerate(evidence.fold_parts):
+            for j, gram in enumerate(evidence.gram):
+                own, change = self.folds[f][j], old.folds[f][j] - new.folds[f][j]
+                for part in parts:
+                    out[part, j] = gram.forms(own, change, part)
+        return out
 
 
-def _as_slice(index: Indices) -> slice | Indices:
-    """``index`` as a slice where it is one: what it selects is then no copy."""
-    if len(index) and np.array_equal(index, np.arange(index[0], index[0] + len(index))):
-        return slice(int(index[0]), int(index[-1]) + 1)
-    return index
+def _slices(index: Indices) -> list[slice]:
+    """Ascending ``index`` as slices: what they select is no copy."""
+    parts = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
+    return [slice(int(p[0]), int(p[-1]) + 1) for p in parts if len(p)]
 
 
 def _follows(term: Term) -> bool:
@@ -119,10 +114,12 @@ class Evidence:
         self.n = self.robot.n_joints
         self.terms: list[Term] = []
         self.weights = np.ones(self.n)
+        self._priors: dict[Term, Array] = {}
         self._columns: dict[Term, list[Indices | None]] = {}
         #: Columns already there, per joint: what two terms share (a link's inertia) is kept once.
         self._known: list[dict[bytes, int]] = [{} for _ in range(self.n)]
-        self.gram: list[Array] = []
+        #: Products of all columns and, as the last one, the target, per joint.
+        self.gram: list[BlockGrams] = []
         self._cache: dict[tuple[frozenset[Term], bool], Held] = {}
         self._rows: list[list[Array]] = [[np.empty((len(r.time), 0)) for _ in range(self.n)] for r in self.runs]
         self.base_target = [run.tau - run.smooth(self.predict_fine(base, run)) for run in self.runs]
@@ -188,7 +185,7 @@ class Evidence:
 
     def add_terms(self, terms: Sequence[Term]) -> None:
         """Compute and append the columns of ``terms`` (those not there yet)."""
-        sizes = [rows.shape[1] for rows in self._rows[0]]
+        new: list[list[list[Array]]] = [[[] for _ in range(self.n)] for _ in self.runs]
         for term in terms:
             if term in self._columns:
                 continue
@@ -203,21 +200,28 @@ class Evidence:
                 if not acts or max(float(np.abs(o).max(initial=0.0)) for o in own) < 1e-9:
                     where.append(None)
                     continue
-                where.append(self._place(j, own, shared=not _follows(term)))
+                where.append(self._place(j, own, [n[j] for n in new], shared=not _follows(term)))
             self._columns[term] = where
             self.terms.append(term)
-        grown = {j for j in range(self.n) if self._rows[0][j].shape[1] != sizes[j]}
+        grown = [j for j in range(self.n) if new[0][j]]
+        for j in grown:
+            for r, columns in enumerate(new):
+                self._rows[r][j] = np.hstack([self._rows[r][j], *columns[j]])
+                columns[j].clear()
         if not self.gram:
             self._reduce()
         elif grown:
-            self.gram = [self._joint_gram(j) if j in grown else self.gram[j] for j in range(self.n)]
+            for j in grown:
+                old, size = self.gram[j].size, self._rows[0][j].shape[1] + 1
+                self.gram[j] = self.gram[j].grown(size)
+                self._multiply(j, np.arange(old - 1, size - 1))
             self._sum()
 
-    def _place(self, j: int, parts: list[Array], shared: bool) -> Indices:
-        """Indices of the columns ``parts`` (one array a run) among those of joint ``j``, appended where new."""
+    def _place(self, j: int, parts: list[Array], added: list[list[Array]], shared: bool) -> Indices:
+        """Indices of the columns ``parts`` (one array a run) among those of joint ``j``; new ones go to ``added``."""
         index: list[int] = []
         new: list[int] = []
-        size = self._rows[0][j].shape[1]
+        size = self._rows[0][j].shape[1] + sum(part.shape[1] for part in added[0])
         for k in range(parts[0].shape[1]):
             digest = hashlib.sha256(b"".join(p[:, k].tobytes() for p in parts)).digest()
             if shared and digest in self._known[j]:
@@ -228,8 +232,8 @@ class Evidence:
                 self._known[j][digest] = index[-1]
             new.append(k)
         if new:
-            for r, p in enumerate(parts):
-                self._rows[r][j] = np.hstack([self._rows[r][j], p[:, new]])
+            for own, p in zip(added, parts, strict=True):
+                own.append(p[:, new])
         return np.array(index, int)
 
     def _smoothed(self, term: Term, motions: Sequence[Motion]) -> list[Array]:
@@ -258,16 +262,16 @@ class Evidence:
             load = model.completed_robot.inverse_dynamics(m.q, m.dq, m.ddq)
             given = model.without_readings().predict(m.q, m.dq, m.ddq, m.time) if torque else None
             motions.append(replace(m, given_load=load, given_torque=given))
-        changed = set()
+        changed: dict[int, list[int]] = {}
         for term in terms:
             parts = self._smoothed(term, motions)
             for j, where in enumerate(self._columns[term]):
                 if where is not None:
-                    changed.add(j)
+                    changed.setdefault(j, []).extend(where)
                     for r, part in enumerate(parts):
                         self._rows[r][j][:, where] = part[:, j] if part.ndim == 3 else part
-        for j in sorted(changed):
-            self.gram[j] = self._joint_gram(j)
+        for j, columns in changed.items():
+            self._multiply(j, np.array(columns))
         self._sum()
 
     def leave_out(self, run: int, rows: slice) -> None:
@@ -286,27 +290,34 @@ class Evidence:
         )
         self._sum()
 
-    def _joint_gram(self, j: int) -> Array:
+    def _joint_gram(self, j: int) -> BlockGrams:
         size = self._rows[0][j].shape[1] + 1
         gram = np.zeros((len(self.block_rows), size, size))
-        for b, (low, high) in enumerate(self.block_rows):
-            r = self.block_run[b]
-            rows = np.column_stack([self._rows[r][j][low:high], self.target[r][low:high, j]])
-            rows = rows[self.mask[r][low:high, j]]
+        for b in range(len(gram)):
+            rows = self._counted(j, b)
             gram[b] = rows.T @ rows
-        return gram
+        return BlockGrams.of(gram)
+
+    def _counted(self, j: int, b: int) -> Array:
+        """Columns of joint ``j`` and, as the last one, its target, over the rows of block ``b`` that count."""
+        r, (low, high) = self.block_run[b], self.block_rows[b]
+        rows = np.column_stack([self._rows[r][j][low:high], self.target[r][low:high, j]])
+        return rows[self.mask[r][low:high, j]]
+
+    def _multiply(self, j: int, columns: Indices) -> None:
+        """Renew the products of ``columns`` of joint ``j`` with all its columns and the target."""
+        for b in range(len(self.block_rows)):
+            rows = self._counted(j, b)
+            self.gram[j].put(b, columns, rows[:, columns].T @ rows)
 
     def _retarget(self) -> None:
         """Renew what depends on the target in the Gram matrices."""
-        for r, mask in enumerate(self.mask):
-            mine = np.flatnonzero(self.block_run == r)
-            edges = [self.block_rows[b][0] for b in mine]
-            for j in range(self.n):
-                target = np.where(mask[:, j], self.target[r][:, j], 0.0)
-                products = np.add.reduceat(self._rows[r][j] * target[:, None], edges, axis=0)
-                self.gram[j][mine, :-1, -1] = products
-                self.gram[j][mine, -1, :-1] = products
-                self.gram[j][mine, -1, -1] = np.add.reduceat(target**2, edges)
+        for j, gram in enumerate(self.gram):
+            for b, (low, high) in enumerate(self.block_rows):
+                r = self.block_run[b]
+                target = np.where(self.mask[r][low:high, j], self.target[r][low:high, j], 0.0)
+                gram.last[b, :-1] = target @ self._rows[r][j][low:high]
+                gram.last[b, -1] = target @ target
         self._sum_target()
 
     def _sum(self) -> None:
@@ -317,12 +328,11 @@ class Evidence:
         self._cache = {}
         self.fold_blocks = [np.flatnonzero(self.block_fold == f) for f in range(self.folds)]
         self._left_out = [self._edge(f) for f in range(self.folds)]
-        places = [_as_slice(own) for own in self.fold_blocks]
-        self.own_gram = [[g[place] for g in self.gram] for place in places]
-        self.own_sum = [[g.sum(axis=0) for g in own] for own in self.own_gram]
+        self.fold_parts = [_slices(own) for own in self.fold_blocks]
+        self.own_sum = [[g.total(own) for g in self.gram] for own in self.fold_blocks]
         self.full_gram = [np.sum([own[j] for own in self.own_sum], axis=0) for j in range(self.n)]
         self.fold_gram = [
-            [self.full_gram[j] - self.own_sum[f][j] - self.gram[j][edge].sum(axis=0) for j in range(self.n)]
+            [self.full_gram[j] - self.own_sum[f][j] - self.gram[j].total(edge) for j in range(self.n)]
             for f, edge in enumerate(self._left_out)
         ]
         self.samples = self.count.sum(axis=0)
@@ -339,12 +349,9 @@ class Evidence:
 
     def _sum_target(self) -> None:
         """The same where only the products with the target have changed."""
-        if any(isinstance(_as_slice(own), np.ndarray) for own in self.fold_blocks):
-            self._sum()
-            return
         self._cache = {}
         for j in range(self.n):
-            product = self.gram[j][:, :, -1]
+            product = self.gram[j].last
             sums = [product[own].sum(axis=0) for own in self.fold_blocks]
             full = np.sum(sums, axis=0)
             for gram, value in [
@@ -447,9 +454,15 @@ class Evidence:
             if len(position):
                 a[position[:, None], position] += self.weights[j] * grams[j][column[:, None], column]
                 b[position] += self.weights[j] * grams[j][column, -1]
-        scale = np.concatenate([s.family().prior_scale(self.robot, s) for s in layout.terms] or [np.zeros(0)])
-        a[np.diag_indices_from(a)] += 1.0 / scale**2
+        if layout.total:
+            a[np.diag_indices_from(a)] += np.concatenate([self._prior(term) for term in layout.terms])
         return a, b
+
+    def _prior(self, term: Term) -> Array:
+        """Weight (p,) that holds the coordinates of ``term`` to zero."""
+        if term not in self._priors:
+            self._priors[term] = 1.0 / term.family().prior_scale(self.robot, term) ** 2
+        return self._priors[term]
 
     def fit(self, terms: Sequence[Term], grams: Sequence[Array] | None = None, physical: bool = True) -> Array:
         """Coordinates of ``terms``, jointly, on the sum of blocks ``grams`` (default: all)."""
@@ -481,21 +494,10 @@ class Evidence:
 
     def errors(self, terms: Sequence[Term], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:
         """Squared residual sums (blocks, n) [N m]^2 of coordinates ``x``."""
-        grams = self.gram if blocks is None else [g[blocks] for g in self.gram]
-        return self._errors(self.indices(self.layout(terms)), x, grams)
-
-    def _errors(self, indices: list[tuple[Indices, Indices]], x: Array, grams: Sequence[Array]) -> Array:
-        out = np.empty((len(grams[0]), self.n))
-        for j, (position, column) in enumerate(indices):
-            gram = grams[j]
-            if len(position):
-                v = np.zeros(gram.shape[1])
-                np.subtract.at(v, column, x[position])
-                v[-1] = 1.0
-                out[:, j] = (gram @ v) @ v
-            else:
-                out[:, j] = gram[:, -1, -1]
-        return np.maximum(out, 0.0)
+        chosen = slice(None) if blocks is None else blocks
+        vectors = self._residual_vectors(self.indices(self.layout(terms)), x)
+        forms = [gram.forms(v, v, chosen) for gram, v in zip(self.gram, vectors, strict=True)]
+        return np.maximum(np.column_stack(forms), 0.0)
 
     def held(self, terms: Sequence[Term], physical: bool = False) -> Held:
         """Held-out prediction by ``terms``: fits under bounds alone, or with bodies and friction held ``physical``."""
@@ -512,10 +514,10 @@ class Evidence:
         return self._cache[key]
 
     def _residual_vectors(self, indices: list[tuple[Indices, Indices]], x: Array) -> list[Array]:
-        out = []
+        out: list[Array] = []
         for j, (position, column) in enumerate(indices):
-            v = np.zeros(self.gram[j].shape[1])
-            np.subtract.at(v, column, x[position])
+            # Two terms may share a column: what they ask of it adds up.
+            v = -np.bincount(column, x[position], minlength=self.gram[j].size).astype(float)
             v[-1] = 1.0
             out.append(v)
         return out
@@ -548,8 +550,7 @@ class Evidence:
         scores = np.zeros((len(self.block_rows), layout.total))
         for j, (position, column) in enumerate(self.indices(layout)):
             if len(position):
-                gram = self.gram[j]
-                residual = gram[:, column, -1] - gram[:, column[:, None], column[None, :]] @ x[position]
+                residual = self.gram[j].last[:, column] - self.gram[j].pick(column, column) @ x[position]
                 scores[:, position] += self.weights[j] * residual
         scale = 1.0 / np.sqrt(np.diag(a))
         bread = np.linalg.pinv(a * scale[:, None] * scale[None, :], rcond=1e-14, hermitian=True)

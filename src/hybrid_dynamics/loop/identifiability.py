@@ -173,14 +173,12 @@ def fit_alone(
     a, b = np.diag(prior), x[own] * prior
     grams = []
     for j, (position, column) in enumerate(evidence.indices(layout)):
-        gram = evidence.gram[j][blocks]
+        gram = evidence.gram[j]
         mine = np.flatnonzero((position >= start) & (position < start + size))
         others = np.setdiff1d(np.arange(len(position)), mine)
-        full = evidence.gram[j].shape[1] - 1
-        cross = (
-            gram[:, column[mine], full] - gram[:, column[mine][:, None], column[others][None, :]] @ x[position[others]]
-        )
-        square = gram[:, column[mine][:, None], column[mine][None, :]]
+        taken = gram.pick(column[mine], column[others], blocks) @ x[position[others]]
+        cross = gram.last[blocks][:, column[mine]] - taken
+        square = gram.pick(column[mine], column[mine], blocks)
         at = position[mine] - start
         a[np.ix_(at, at)] += evidence.weights[j] * square.sum(axis=0)
         b[at] += evidence.weights[j] * cross.sum(axis=0)

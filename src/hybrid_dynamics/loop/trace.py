@@ -90,7 +90,7 @@ class Judge:
         """
         weights = self.evidence.weights
         left = new if noise is None else noise
-        cross = left.cross(old) - (new.errors if left is new else left.cross(new))  # d = e_old - e_new
+        cross = left.change(old, new)
         gain = old.joint_errors - new.joint_errors
         error, blocks = block_error(cross @ weights, self.evidence.block_run)
         per_joint = gain / np.maximum(self.evidence.samples, 1)
