@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import copy
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 import yaml
 from stages.deps import TRAIN, code_of, is_code, update
 
+from hybrid_dynamics.effects import catalogue
 from hybrid_dynamics.models.methods import layered
 from hybrid_dynamics.study.imports import PACKAGE, SourceTree
 
@@ -59,6 +61,48 @@ def test_the_library_imports_neither_the_study_nor_the_stages(module: str) -> No
 
 def test_nothing_in_the_package_imports_the_stages() -> None:
     assert not [m for m, named in TREE.edges.items() if m.startswith(PACKAGE) and any(n[:6] == "stages" for n in named)]
+
+
+#: Names of effects that are also the name of a parameter, a setting or a term of a file format.
+WORDS_TOO = {"armature", "inertial_parameters", "position_offset", "torque_gain"}
+#: Every effect of the catalogue.
+KNOWN = catalogue(everything=True)
+#: Library modules in which the name of an effect counts.
+ROOMS = [
+    p for p in sorted((ROOT / "src" / PACKAGE).rglob("*.py")) if p.parts[-2] != "effects" and "study" not in p.parts
+]
+
+
+def effects_named(text: str) -> list[str]:
+    """Effects whose name decides something in the code ``text``; docstrings and examples in them do not count."""
+    tree = ast.parse(text)
+    decisive = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            sides = (node.left, *node.comparators)
+            decisive |= {id(n) for side in sides for n in (side, *getattr(side, "elts", ()))}
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("Effect", "Term", "family"):
+            decisive |= {id(n) for n in node.args}
+    return [
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant)
+        and node.value in KNOWN
+        and (node.value not in WORDS_TOO or id(node) in decisive)
+    ]
+
+
+@pytest.mark.parametrize("file", ROOMS, ids=lambda p: str(p.relative_to(ROOT / "src" / PACKAGE)))
+def test_the_library_names_no_effect_outside_the_catalogue(file: Path) -> None:
+    found = effects_named(file.read_text("utf-8"))
+    assert not found, f"{file} decides by {found}; ask the family (effects/base.py) instead"
+
+
+def test_a_named_effect_is_found_and_a_word_of_another_kind_is_not() -> None:
+    assert effects_named('"""The payload."""\nif term.effect == "payload": pass') == ["payload"]
+    assert effects_named('KINDS = {"stribeck_friction": 1}') == ["stribeck_friction"]
+    assert effects_named('if term.effect in {"armature"}: pass') == ["armature"]
+    assert effects_named('row = {"armature": robot.armature}') == []
 
 
 def test_no_files_import_one_another_in_a_circle() -> None:

@@ -28,6 +28,11 @@ class Armature(Family):
         ),
     )
 
+    def inseparable(self, term: Term, other: Term) -> str:
+        if other.effect == "link_inertia" and other.joint == term.joint == 0:
+            return "No motion of a robot on a fixed base can tell: only the rotation about the joint's own axis counts."
+        return ""
+
     def columns(self, motion: Motion, term: Term) -> Array:
         return motion.ddq[:, [term.index]]
 

@@ -41,6 +41,11 @@ class AsymmetricCoulombFriction(Family):
     def grid(self, options: Mapping[str, Any]) -> list[Settings]:
         return width_settings(options["sign_widths"])
 
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        up, down = parameters["coulomb_torque_positive"], parameters["coulomb_torque_negative"]
+        # Also at rest: dry friction about an offset takes any value from -down to up.
+        return {"dry_friction": 0.5 * (up + down), "offset": 0.5 * (up - down)}
+
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         sign = sign_of(xp, at.own_dq, settings, at.z)
         up, down = parameters["coulomb_torque_positive"], parameters["coulomb_torque_negative"]

@@ -159,8 +159,10 @@ class Family(ABC):
     shared: ClassVar[bool] = False
     #: Several of it may sit on one joint (see :meth:`place`).
     several: ClassVar[bool] = False
-    #: Families that this one holds as a special case: they go from its joint when it comes.
+    #: Families that this one holds as a special case: they go from its joint when it comes (see :meth:`covers`).
     contains: ClassVar[tuple[str, ...]] = ()
+    #: A body that may be put on and taken off: its mass is what a reader asks for.
+    detachable: ClassVar[bool] = False
     #: True where every joint of a real arm may well have it: a search that starts from everything starts with these.
     everywhere: ClassVar[bool] = False
     #: Coordinates are ten inertial parameters a body: many free numbers that can imitate simpler effects.
@@ -224,6 +226,26 @@ class Family(ABC):
     def place(self, term: Term) -> tuple[Any, ...]:
         """See :attr:`Term.place`."""
         return (term.effect, term.joint)
+
+    def covers(self, term: Term, special: Term) -> bool:
+        """True where ``term`` holds ``special`` as a special case."""
+        return special.effect in self.contains and special.joint == term.joint
+
+    def price(self, settings: Mapping[str, Any]) -> int:
+        """What it costs beside an explanation that is as good: its published numbers."""
+        return len(self.published(settings))
+
+    def twin(self, term: Term, robot: Robot) -> Term | None:
+        """The term of another family that is structurally the same as ``term``, whatever the motion."""
+        return None
+
+    def inseparable(self, term: Term, other: Term) -> str:
+        """Why no motion of a robot tells ``term`` from ``other``, one sentence; empty where one does."""
+        return ""
+
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        """In the terms of robot description formats (``export/terms.py``), each with its value."""
+        return {"law": 1.0}
 
     def partner(self, robot: Robot, settings: Mapping[str, Any]) -> int | None:
         """0-based index of the other joint of an effect between two."""

@@ -44,6 +44,9 @@ class CoulombFriction(Family):
     def grid(self, options: Mapping[str, Any]) -> list[Settings]:
         return width_settings(options["sign_widths"])
 
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        return {"dry_friction": parameters["coulomb_torque"]}
+
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         return parameters["coulomb_torque"] * sign_of(xp, at.own_dq, settings, at.z)
 

@@ -74,6 +74,9 @@ class ExternalContact(Family):
     def place(self, term: Term) -> tuple[Any, ...]:
         return (term.effect, term.joint, term.options[INTERVALS], term.options.get(ONLY_RUN))
 
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        return {"one_run": 1.0}
+
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         if at.time is None:
             raise InputError(f"effect {self.name} acts in parts of a run, and no time stamps are given; give time")

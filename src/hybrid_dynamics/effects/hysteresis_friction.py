@@ -49,6 +49,9 @@ class HysteresisFriction(Family):
     def grid(self, options: Mapping[str, Any]) -> list[Settings]:
         return [((DISPLACEMENT, s),) for s in _GRID]
 
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        return {"dry_friction": parameters["coulomb_torque"], "gradual_reversal": 1.0}
+
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         return parameters["coulomb_torque"] * (xp.sign(at.own_dq) if at.z is None else at.z)
 

@@ -25,6 +25,8 @@ from hybrid_dynamics.types import Array
 #: Names of the joints whose links are identified.
 LINKS = "links"
 _NAMES = tuple(p.name for p in BODY_PARAMETERS)
+#: All links together are one cause that costs about as much as three single bodies.
+_PRICE = 30
 
 
 def body_scale(own: Array) -> Array:
@@ -89,6 +91,12 @@ class InertialParameters(Family):
 
     def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
         return [(10 * i, link_parameters(robot, k)) for i, k in enumerate(self._links(robot, term))]
+
+    def covers(self, term: Term, special: Term) -> bool:
+        return super().covers(term, special) or special.effect == "payload"
+
+    def price(self, settings: Mapping[str, Any]) -> int:
+        return min(super().price(settings), _PRICE)
 
     def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
         if not settings.get(LINKS):

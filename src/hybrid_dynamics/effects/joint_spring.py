@@ -83,6 +83,12 @@ class JointSpring(Family):
     def unit(self, key: str, settings: Mapping[str, Any]) -> str:
         return "rad" if key == "rest_position" else "N m/rad"
 
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        if settings.get(SHAPE, LINEAR) != LINEAR:
+            return super().in_descriptions(parameters, settings)
+        stiffness = parameters["stiffness"]
+        return {"stiffness": stiffness, "offset": -stiffness * parameters["rest_position"]}
+
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         q, rest = at.own_q, parameters["rest_position"]
         if settings[SHAPE] == LINEAR:

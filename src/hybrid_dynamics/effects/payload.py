@@ -23,6 +23,7 @@ class Payload(Family):
     size = 10
     is_body = True
     changes_body = True
+    detachable = True
     drawn_against = "time"
     shown_by = "the wrist turns through many orientations at rest and then accelerates in each of them"
     equivalent_to = (
@@ -33,6 +34,9 @@ class Payload(Family):
             always=True,
         ),
     )
+
+    def twin(self, term: Term, robot: Robot) -> Term | None:
+        return Term("link_inertia", robot.n_joints - 1)
 
     def columns(self, motion: Motion, term: Term) -> Array:
         return motion.regressor[:, :, -10:]

@@ -5,6 +5,9 @@ The columns are the derivative of the rigid-body torque with respect to the join
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from hybrid_dynamics.effects.base import Family, Term, register
@@ -45,6 +48,9 @@ class PositionOffset(Family):
             "move the joints after it: a wrong zero turns all of them together",
         ),
     )
+
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        return {"position_offset": 1.0}
 
     def columns(self, motion: Motion, term: Term) -> Array:
         shift = np.zeros(motion.robot.n_joints)

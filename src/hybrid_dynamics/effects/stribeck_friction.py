@@ -55,6 +55,10 @@ class StribeckFriction(Family):
     def grid(self, options: Mapping[str, Any]) -> list[Settings]:
         return [((VELOCITY, v),) for v in _GRID]
 
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        least = parameters["coulomb_torque"]
+        return {"dry_friction": least, "stribeck_rise": parameters["static_torque"] - least}
+
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         dq = at.own_dq
         ratio = dq / parameters[VELOCITY]

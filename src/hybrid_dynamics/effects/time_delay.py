@@ -6,6 +6,9 @@ torque, the exact first order in d; the loop iterates with the shifted torque it
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
@@ -39,6 +42,9 @@ class TimeDelay(Family):
             "accelerate hard at low speed",
         ),
     )
+
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        return {"delay": 1.0}
 
     def columns(self, motion: Motion, term: Term) -> Array:
         slope = make_interp_spline(motion.time, motion.torque, k=3, axis=0).derivative()(motion.time)

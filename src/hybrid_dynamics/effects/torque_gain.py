@@ -48,6 +48,9 @@ class TorqueGain(Family):
         several = [Term(self.name, None)] if int(moving.sum()) > 1 else []
         return [*several, *(Term(self.name, j) for j in range(robot.n_joints) if moving[j])]
 
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        return {"gain": 1.0}
+
     def columns(self, motion: Motion, term: Term) -> Array:
         if term.joint is None:
             return motion.torque[:, :, None]

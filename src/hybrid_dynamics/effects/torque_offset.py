@@ -31,5 +31,8 @@ class TorqueOffset(Family):
         ),
     )
 
+    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
+        return {"offset": parameters["offset"]}
+
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         return parameters["offset"]

@@ -1,12 +1,12 @@
 """An effect in the terms of robot description formats: damping, dry friction, offset, spring, inertia, ...
 
 A format carries some of these terms (see :mod:`.carry`); what an effect has beyond them is a term too, with a name that
-says what is lost. Families that are in no list below are a ``law``: only formats that hold programs carry it.
+says what is lost. A family that says nothing of itself (``Family.in_descriptions``) is a ``law``: only formats that
+hold programs carry it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from hybrid_dynamics.export.body import BodyNumbers
 from hybrid_dynamics.robots import Robot
 
 Terms = dict[str, float]
-Values = Mapping[str, float]
 
 #: What each term is, in words that follow "carries no" or "carries".
 WORDS: dict[str, str] = {
@@ -44,29 +43,6 @@ WORDS: dict[str, str] = {
 _DAMPING = {1: "damping", 2: "quadratic_damping", 3: "cubic_damping"}
 
 
-def _asymmetric(p: Values) -> Terms:
-    up, down = p["coulomb_torque_positive"], p["coulomb_torque_negative"]
-    # Also at rest: dry friction about an offset takes any value from -down to up.
-    return {"dry_friction": 0.5 * (up + down), "offset": 0.5 * (up - down)}
-
-
-#: Families whose terms follow from their name; all others follow from the attributes of the family.
-_BY_NAME: dict[str, Callable[[Values], Terms]] = {
-    "coulomb_friction": lambda p: {"dry_friction": p["coulomb_torque"]},
-    "asymmetric_coulomb_friction": _asymmetric,
-    "stribeck_friction": lambda p: {
-        "dry_friction": p["coulomb_torque"],
-        "stribeck_rise": p["static_torque"] - p["coulomb_torque"],
-    },
-    "hysteresis_friction": lambda p: {"dry_friction": p["coulomb_torque"], "gradual_reversal": 1.0},
-    "torque_offset": lambda p: {"offset": p["offset"]},
-    "position_offset": lambda p: {"position_offset": 1.0},
-    "torque_gain": lambda p: {"gain": 1.0},
-    "time_delay": lambda p: {"delay": 1.0},
-    "external_contact": lambda p: {"one_run": 1.0},
-}
-
-
 def terms(effect: Effect, robot: Robot) -> Terms:
     """The terms of ``effect`` in ``robot``, each with its value (1 where it has no single number)."""
     kind = family(effect.effect)
@@ -77,18 +53,10 @@ def terms(effect: Effect, robot: Robot) -> Terms:
     if kind.viscous_powers:
         x = kind.coordinates_of(effect.parameters, robot, effect.term(robot))
         return {_DAMPING[power]: float(v) for power, v in zip(kind.viscous_powers, x, strict=True)}
-    out = spring(effect) or _BY_NAME.get(kind.name, lambda p: {"law": 1.0})(effect.parameters)
+    out = kind.in_descriptions(effect.parameters, effect.settings)
     if {WIDTH, SIGN_DISPLACEMENT} & set(effect.settings) and "law" not in out:
         out["gradual_reversal"] = 1.0
     return out
-
-
-def spring(effect: Effect) -> Terms:
-    """A spring that is linear in the position, k (q - q0), as stiffness and offset; empty for every other effect."""
-    if effect.effect != "joint_spring" or effect.settings.get("shape", "linear") != "linear":
-        return {}
-    stiffness = effect.parameters["stiffness"]
-    return {"stiffness": stiffness, "offset": -stiffness * effect.parameters["rest_position"]}
 
 
 def _body_terms(effect: Effect, robot: Robot) -> Terms:

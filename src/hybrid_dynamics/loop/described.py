@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.effects.urdf_dynamics import ATTRIBUTES
 from hybrid_dynamics.loop.close import LoopResult
 from hybrid_dynamics.loop.diagnosis import NamedEffect, predict_run
 from hybrid_dynamics.loop.model import Model
@@ -22,10 +23,9 @@ def announced(effects: Sequence[Effect]) -> str:
     each = [
         f"{e.joints[0]} {next(iter(e.parameters.values())):g} {family(e.effect).parameters[0].unit}" for e in effects
     ]
-    kinds = {"viscous_friction": "damping", "coulomb_friction": "friction"}
     listed = "; ".join(
         f"{kind} {', '.join(text for text, e in zip(each, effects, strict=True) if e.effect == name)}"
-        for name, kind in kinds.items()
+        for kind, name, _ in ATTRIBUTES
         if any(e.effect == name for e in effects)
     )
     return f"the URDF's <dynamics> belongs to the starting model ({listed}); --ignore-dynamics leaves it out"

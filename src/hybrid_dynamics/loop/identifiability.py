@@ -70,13 +70,14 @@ def indistinguishable(
             if key not in found or loss < found[key][0]:
                 found[key] = (loss, entry)
         listed = [entry for _, entry in sorted(found.values(), key=lambda item: (len(item[1]["effects"]), item[0]))]
-        if term.effect == "payload":
+        if (twin := term.family().twin(term, evidence.robot)) is not None:
+            known = next(e for e in term.family().equivalent_to if e.effects == (twin.effect,))
             listed.insert(
                 0,
                 {
-                    "effects": [{"effect": "link_inertia", "joints": [names[-1]]}],
-                    "why": "structurally the same: a body on the last link changes that link's inertial parameters",
-                    "motion_that_would_tell": "No motion can tell; a run with the tool removed would.",
+                    "effects": [{"effect": twin.effect, "joints": [names[twin.index]]}],
+                    "why": f"structurally the same: {known.why}",
+                    "motion_that_would_tell": f"{known.remedy[0].upper()}{known.remedy[1:]}.",
                 },
             )
         out[term] = listed
@@ -86,8 +87,9 @@ def indistinguishable(
 def motion_that_would_tell(term: Term, others: Sequence[Term], same: bool) -> str:
     """One sentence: which motion separates ``term`` from ``others``."""
     first, last = term.family().shown_by, others[-1]
-    if same and {term.effect, last.effect} == {"armature", "link_inertia"} and term.joint == last.joint == 0:
-        return "No motion of a robot on a fixed base can tell: only the rotation about the joint's own axis counts."
+    why = term.family().inseparable(term, last) or last.family().inseparable(last, term)
+    if same and why:
+        return why
     rest = list(dict.fromkeys(o.family().shown_by for o in others if o.family().shown_by != first))
     if not rest:
         return f"A motion in which {first}, one joint at a time."

@@ -41,8 +41,6 @@ class Candidate:
 FEWEST_CLUSTERS = 10
 #: Rows of the evidence table that are judged and kept.
 TABLE_ROWS = 12
-#: The family that re-identifies all links, and what it costs: about three single bodies.
-WHOLE_BODY, WHOLE_BODY_PRICE = "inertial_parameters", 30
 #: A gain of this many standard errors is no accident, wherever it shows.
 DECISIVE = 3.0
 
@@ -113,12 +111,8 @@ class Judge:
         return float(student.ppf(1.0 - share, max(blocks - 1, 1)))
 
     def price(self, *terms: Term) -> float:
-        """Price of effects where two explanations are as good: their published numbers, fewer causes first.
-
-        The whole arm's inertial parameters are one cause that costs as much as a few bodies.
-        """
-        numbers = [len(s.family().published(s.options)) for s in terms]
-        return sum(min(count, WHOLE_BODY_PRICE) for count in numbers) + 0.1 * len(terms)
+        """Price of effects where two explanations are as good: their published numbers, fewer causes first."""
+        return sum(s.family().price(s.options) for s in terms) + 0.1 * len(terms)
 
     def _bar(self, share: float) -> Array:
         """Mean square (n,) [N m]^2 below which a change is of no practical size."""
@@ -201,10 +195,8 @@ def _judged(judge: Judge, term: Term, before: Held, after: Held) -> Candidate:
 
 
 def covers(general: Term, special: Term) -> bool:
-    """True where ``general`` contains ``special`` as a special case: all links' inertias contain any one body."""
-    if special.effect in general.family().contains:
-        return general.joint == special.joint
-    return general.effect == WHOLE_BODY and special.effect != WHOLE_BODY and special.family().is_body
+    """True where ``general`` holds ``special`` as a special case."""
+    return general.family().covers(general, special)
 
 
 def _joined(current: Sequence[Term], term: Term) -> list[Term]:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from hybrid_dynamics.effects import family
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import KINDS, Content, Group
@@ -128,7 +129,7 @@ def _mass_caveat(d: Mapping[str, Any]) -> str:
     masses = [
         p
         for e in d["effects"]
-        if words.confirmed(e) and e["effect"] == "payload"
+        if words.confirmed(e) and family(e["effect"]).detachable
         for p in e["parameters"]
         if p["name"] in words.SCALED_BY_GAIN
     ]
