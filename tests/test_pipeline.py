@@ -1,6 +1,7 @@
 """The pipeline as a whole: the committed parameters, one pass through DVC at a small scale, one experiment."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 from dvc.repo import Repo
+from stages import dag
 from stages.compose import compose
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -19,6 +21,48 @@ SMALL = ["scale=small", "datasets=[panda,ur10e]", "recorded=[ur10e]"]
 def test_params_are_the_composition_of_conf(tmp_path):
     compose(tmp_path / "params.yaml", [])
     assert (tmp_path / "params.yaml").read_text() == (ROOT / "params.yaml").read_text(), "run `make params`"
+
+
+def test_the_page_of_the_stages_is_the_one_of_the_pipeline(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    stages = dag.pipeline()
+    written = (ROOT / "docs/pipeline.md").read_text()
+    assert written == dag.page(stages, dag.diagram()), "run `make dag`"
+    assert all(f"| `{name}` |" in written for name in stages)
+    # The control: a stage more, or another file, is another page.
+    more = stages | {"polish": {"outs": ["reports/index.html"]}}
+    assert dag.page(more, "") != dag.page(stages, "")
+
+
+def test_the_table_of_files_in_the_architecture_is_the_one_of_the_pipeline():
+    """Every file of data/<dataset>/ that a stage writes stands there, with the stages that write it, and no other."""
+    text = (ROOT / "docs/architecture.md").read_text()
+    head = text[: text.index("## Modules")]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in head.splitlines() if line.startswith("| `")
+    ]
+    told: dict[str, set[str]] = {}
+    for row in rows:
+        for name in re.findall(r"`([^`]+)`", row[0]):
+            told[top(name)] = set(re.findall(r"`([^`]+)`", row[1]))
+    writers: dict[str, set[str]] = {}
+    for stage, content in dag.pipeline().items():
+        for out in content.get("outs", ()):
+            parts = next(iter(out) if isinstance(out, dict) else iter([out])).split("/")
+            if parts[0] == "data" and parts[1] in ("${item.dataset}", "ur10e", "wam"):
+                writers.setdefault(top("/".join(parts[2:])), set()).add(stage)
+    assert told.keys() == writers.keys()
+    for name, stages in told.items():
+        kinds = [re.sub(r"@.*", "", stage).replace("<method>", ".+").replace("<dataset>", ".+") for stage in stages]
+        for stage in writers[name]:
+            assert any(re.fullmatch(kind, stage) for kind in kinds), f"{name}: written by {stage}, told {stages}"
+        for kind in kinds:
+            assert any(re.fullmatch(kind, stage) for stage in writers[name]), f"{name}: {kind} does not write it"
+
+
+def top(path: str) -> str:
+    """The file or folder beside the robot's."""
+    return path.split("/")[0]
 
 
 @pytest.mark.parametrize("overrides", [[], ["study=custom"], ["scale=small"], ["blind=full"], SMALL], ids=str)
