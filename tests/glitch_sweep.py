@@ -127,12 +127,13 @@ def holds(row: dict[str, object]) -> bool:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--steps", type=int, nargs="+", default=list(STEPS), help="of 400 Hz every so many samples")
     parser.add_argument("--signals", nargs="+", default=list(SIGNALS), choices=SIGNALS)
     parser.add_argument("--out", type=Path, required=True)
     wanted = parser.parse_args()
-    clean = {(v, step): closed(*logs(v, step)) for v in (False, True) for step in STEPS}
+    clean = {(v, step): closed(*logs(v, step)) for v in (False, True) for step in wanted.steps}
     rows = []
-    grid = itertools.product(wanted.signals, SPLITS, JOINTS, SHARES, TIMES, STEPS, range(wanted.seeds))
+    grid = itertools.product(wanted.signals, SPLITS, JOINTS, SHARES, TIMES, wanted.steps, range(wanted.seeds))
     with wanted.out.open("w", newline="", encoding="utf-8") as stream:
         table: csv.DictWriter[str] | None = None
         for values in grid:
