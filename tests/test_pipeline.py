@@ -14,6 +14,8 @@ from dvc.repo import Repo
 from stages import dag
 from stages.compose import compose
 
+from hybrid_dynamics.errors import ConfigError
+
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = ["scale=small", "datasets=[panda,ur10e]", "recorded=[ur10e]"]
 
@@ -63,6 +65,28 @@ def test_the_table_of_files_in_the_architecture_is_the_one_of_the_pipeline():
 def top(path: str) -> str:
     """The file or folder beside the robot's."""
     return path.split("/")[0]
+
+
+def told_overrides() -> list[str]:
+    """Every value that a page, a comment or a message says can be given to ``dvc exp run -S``, sweeps one by one."""
+    places = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "conf").rglob("*.yaml")]
+    places += [*(ROOT / "src").rglob("*.py"), *(ROOT / "stages").rglob("*.py")]
+    words = {w for p in places for w in re.findall(r"""-S '?([a-z][\w@.]*=[^\s`'")]+)""", p.read_text("utf-8"))}
+    out = {f"{key}={one}" for key, _, value in (w.partition("=") for w in words) for one in value.split(",")}
+    return sorted(out)
+
+
+def test_every_override_that_is_told_can_be_given(tmp_path):
+    told = told_overrides()
+    assert {"source=twin", "source=recorded", "scale=small", "sindy.threshold=0.005"} <= set(told)
+    for override in told:
+        compose(tmp_path / "params.yaml", [override])
+        key, _, value = override.partition("=")
+        if key == "source":
+            assert yaml.safe_load((tmp_path / "params.yaml").read_text())["source"] == value
+    # The control: what is not there is refused.
+    with pytest.raises(ConfigError):
+        compose(tmp_path / "params.yaml", ["sources=twin"])
 
 
 @pytest.mark.parametrize("overrides", [[], ["study=custom"], ["scale=small"], ["blind=full"], SMALL], ids=str)
