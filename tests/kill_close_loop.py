@@ -2,6 +2,7 @@
 
     python -m tests.kill_close_loop --kills 50 --full 20
 
+Every other kill comes while the results are being written, which is a small part of the time.
 Prints a line a trial and ends with code 1 where anything was lost. The suite does a handful (``test_faults.py``).
 """
 
@@ -60,9 +61,13 @@ class Trial:
             text=True,
         )
 
-    def killed(self, after: float) -> str:
-        """What ``out`` holds where the run that writes ``new`` is killed ``after`` [s]."""
+    def killed(self, after: float, writing: bool = False) -> str:
+        """What ``out`` holds where the run that writes ``new`` is killed ``after`` [s], with ``writing`` counted from
+        the moment at which it begins to write its results."""
+        before = set(self.leftovers())
         process = self.start("new")
+        while writing and process.poll() is None and set(self.leftovers()) <= before:
+            time.sleep(0.0005)
         try:
             process.wait(after)
         except subprocess.TimeoutExpired:
@@ -106,9 +111,12 @@ def main() -> int:
         for k in range(wanted.kills + wanted.full):
             trial.reset()
             if k < wanted.kills:
-                after = moments.uniform(0.0, 1.05 * trial.lasts)
-                states.append(trial.killed(after))
-                print(f"killed after {after:.2f} s: {states[-1]}", flush=True)
+                writing = k % 2 == 1
+                # Writing takes a tenth of a second to half of one; most of it is the page.
+                after = 10 ** moments.uniform(-3.0, 0.0) if writing else moments.uniform(0.0, 1.05 * trial.lasts)
+                states.append(trial.killed(after, writing))
+                since = " of writing" if writing else ""
+                print(f"killed after {after:.3f} s{since}: {states[-1]}", flush=True)
             else:
                 limit = round(largest * 10 ** moments.uniform(-4.0, 0.2))
                 states.append(trial.full(limit))
