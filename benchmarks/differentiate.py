@@ -20,51 +20,56 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
+from hybrid_dynamics.types import Array  # noqa: E402
+
 DT = 1e-3
 #: Encoder counts per turn: a fine one (16 bit) and a coarse one.
 COUNTS = (65536, 4096)
 
 
-def motion(time_axis: np.ndarray, order: int, joints: int = 1) -> np.ndarray:
+def motion(time_axis: Array, order: int, joints: int = 1) -> Array:
     """The ``order``-th derivative (T, joints) of a multi-sine joint motion [rad]."""
     w = 2 * np.pi * np.array([0.1, 0.3, 0.7, 1.3])
     size = np.array([0.8, 0.3, 0.1, 0.04])
     phase = np.outer(np.arange(1, joints + 1), [0.3, 1.0, 2.0, 4.0])
-    return np.stack(
-        [(size * w**order * np.sin(w * time_axis[:, None] + p + order * np.pi / 2)).sum(1) for p in phase], 1
+    return np.asarray(
+        np.stack([(size * w**order * np.sin(w * time_axis[:, None] + p + order * np.pi / 2)).sum(1) for p in phase], 1),
+        float,
     )
 
 
-def measured(rows: int, counts: int = COUNTS[0], joints: int = 1) -> np.ndarray:
+def measured(rows: int, counts: int = COUNTS[0], joints: int = 1) -> Array:
     """The motion as an encoder with ``counts`` per turn reads it."""
     step = 2 * np.pi / counts
-    return np.round(motion(DT * np.arange(rows), 0, joints) / step) * step
+    return np.asarray(np.round(motion(DT * np.arange(rows, dtype=float), 0, joints) / step) * step)
 
 
-def ours(x: np.ndarray, alpha: float) -> np.ndarray:
+def ours(x: Array, alpha: float) -> Array:
     from hybrid_dynamics.differentiate.total_variation import solve
 
     return solve(x, DT, alpha).xi
 
 
-def pynumdiff_tvrdiff(x: np.ndarray, alpha: float) -> np.ndarray:
+def pynumdiff_tvrdiff(x: Array, alpha: float) -> Array:
     import pynumdiff
 
     # Its objective is |y - xi|^2 + gamma |D xi|_1 with y = x / scale.
     scale = pynumdiff.utils.utility.robust_data_scale(x)
-    return pynumdiff.tvrdiff(x, DT, order=1, gamma=2 * alpha / DT**2 / scale)[0]
+    return np.asarray(pynumdiff.tvrdiff(x, DT, order=1, gamma=2 * alpha / DT**2 / scale)[0])
 
 
-def pynumdiff_iterative_velocity(x: np.ndarray, alpha: float) -> np.ndarray:
+def pynumdiff_iterative_velocity(x: Array, alpha: float) -> Array:
     import pynumdiff
 
-    return pynumdiff.iterative_velocity(x, DT, num_iterations=10, gamma=alpha, cg_maxiter=1000, scale="large")[0]
+    return np.asarray(
+        pynumdiff.iterative_velocity(x, DT, num_iterations=10, gamma=alpha, cg_maxiter=1000, scale="large")[0]
+    )
 
 
-def derivative_trend_filtered(x: np.ndarray, alpha: float) -> np.ndarray:
+def derivative_trend_filtered(x: Array, alpha: float) -> Array:
     import derivative
 
-    return derivative.TrendFiltered(order=0, alpha=alpha / DT, max_iter=1000).x(x, DT * np.arange(len(x)))
+    return np.asarray(derivative.TrendFiltered(order=0, alpha=alpha / DT, max_iter=1000).x(x, DT * np.arange(len(x))))
 
 
 ROUTINES = {f.__name__: f for f in (ours, pynumdiff_tvrdiff, pynumdiff_iterative_velocity, derivative_trend_filtered)}
@@ -142,7 +147,7 @@ def errors(rows: int, joints: int) -> None:
     from hybrid_dynamics.differentiate import DIFFERENTIATORS, derivative_errors
     from hybrid_dynamics.trajectory import Trajectory
 
-    axis = DT * np.arange(rows)
+    axis = np.asarray(DT * np.arange(rows), float)
     names = ("q", "dq", "ddq", "dddq")
     truth = Trajectory("truth", "test", axis, {name: motion(axis, k, joints) for k, name in enumerate(names)})
     print(f"\nrelative RMSE against truth, {joints} joints, {rows} samples: automatic choice / best tuned on the truth")

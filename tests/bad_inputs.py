@@ -49,7 +49,7 @@ class Case:
     code: int = 2
 
 
-def frame(change: Callable[[pd.DataFrame], pd.DataFrame | None], name: str = "bad.csv") -> Callable[[Path], object]:
+def frame(change: Callable[[pd.DataFrame], Any], name: str = "bad.csv") -> Callable[[Path], object]:
     """A log with ``change`` (in place, or returning a new one)."""
 
     def make(folder: Path) -> None:
@@ -187,7 +187,7 @@ CASES: list[Case] = [
     Case(
         "a folder with other files where the results go",
         (*CLOSE[:4], "a.csv", "--out", "mine"),
-        lambda f: ((f / "mine").mkdir(), (f / "mine" / "thesis.txt").write_text("x")),
+        lambda f: ((f / "mine").mkdir(), (f / "mine" / "thesis.txt").write_text("x")),  # type: ignore[func-returns-value]
     ),
     Case(
         "the prediction over its own log", (*PREDICT[:3], "--model", "model.json", "--data", "a.csv", "--out", "a.csv")

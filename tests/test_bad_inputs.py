@@ -6,7 +6,8 @@ import shutil
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.bad_inputs import CASES, PAGE, arm, good, line_of, outcome, page
+from tests.bad_inputs import CASES, PAGE, good, line_of, outcome, page
+from tests.small_arm import arm
 
 from hybrid_dynamics.errors import HybridDynamicsError
 from hybrid_dynamics.loop.model import load_model

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,8 +18,8 @@ from hybrid_dynamics.cli import build_parser, main
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.loop.process import ProcessSettings
 
-CLOSE = ("close-loop", "--robot", "robot.urdf", "--train", "train_1.parquet", "train_2.parquet", "--test")
-CLOSE = (*CLOSE, "test_1.parquet", "--out", "out")
+_LOGS = ("--train", "train_1.parquet", "train_2.parquet", "--test", "test_1.parquet")
+CLOSE = ("close-loop", "--robot", "robot.urdf", *_LOGS, "--out", "out")
 PREDICT = ("predict", "--robot", "robot.urdf", "--model", "out/model.json", "--data", "test_1.parquet", "--out")
 PROGRAM = (sys.executable, "-c", "from hybrid_dynamics.cli import main; main()")
 
@@ -232,7 +233,7 @@ def test_options_from_a_file_and_the_command_line_wins(here, capsys):
     assert "block is 'long'; expected a number" in capsys.readouterr().err
 
 
-def program(*arguments: str, **options: object) -> subprocess.Popen:
+def program(*arguments: str, **options: Any) -> "subprocess.Popen[Any]":
     environment = {**os.environ, "OMP_NUM_THREADS": "1", **options.pop("env", {})}
     return subprocess.Popen([*PROGRAM, *arguments], env=environment, **options)
 

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.tests_support_simulation import passive_controller
 
 from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.robots import Robot
@@ -22,7 +23,6 @@ from hybrid_dynamics.robots.dh import (
     rows_from_config,
 )
 from hybrid_dynamics.simulation import Reference, Rollout, simulate
-from tests_support_simulation import passive_controller
 
 G = 9.81
 LIMIT = DHLimit(-100.0, 100.0, 1e4, 1e4)
@@ -75,13 +75,13 @@ def random_robot(seed: int, n: int = 5) -> tuple[list[DHRow], list[DHLink]]:
     for _ in range(n):
         alpha = rng.choice(right) if rng.random() < 0.7 else rng.uniform(-3, 3)
         offset = rng.choice([*right, rng.uniform(-3, 3)])
-        rows.append(DHRow(float(alpha), *map(float, rng.uniform(-0.5, 0.5, 2)), float(offset)))
+        rows.append(DHRow(float(alpha), *map(float, rng.uniform(-0.5, 0.5, 2)), float(offset)))  # type: ignore[call-arg]
         turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         spread = np.diag(rng.uniform(0.01, 0.2, 3))  # second moments of the mass distribution
         moments = turn @ (np.trace(spread) * np.eye(3) - spread) @ turn.T
         com = tuple(map(float, rng.uniform(-0.2, 0.2, 3)))
         inertia = tuple(float(moments[i]) for i in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
-        links.append(DHLink(float(rng.uniform(0.2, 5)), com, inertia))  # type: ignore[arg-type]
+        links.append(DHLink(float(rng.uniform(0.2, 5)), com, inertia))
     return rows, links
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.tests_support_engine import DeadlyOnce, die, refuse, squared
 
 from hybrid_dynamics.engine import Cluster, Local, engine_of
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.models.moments import moments
 from hybrid_dynamics.models.partitioned import row_groups
-from tests_support_engine import DeadlyOnce, die, refuse, squared
 
 #: Exponents of a constant, the 14 features and their squares.
 POWERS = np.vstack([np.zeros((1, 14), int), np.eye(14, dtype=int), 2 * np.eye(14, dtype=int)])

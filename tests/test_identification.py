@@ -204,4 +204,4 @@ def test_infeasible_ordinary_estimate_becomes_feasible(vertical: Robot) -> None:
 )
 def test_settings_out_of_range_are_refused_by_name(name: str, value: object) -> None:
     with pytest.raises(ConfigError, match=rf"least_squares\.{name} is .*expected"):
-        LeastSquaresSettings(**{name: value})  # type: ignore[arg-type]
+        LeastSquaresSettings(**{name: value})

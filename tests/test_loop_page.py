@@ -10,8 +10,8 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from tests.browser import look
 
-from browser import look
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import close_loop

@@ -29,7 +29,7 @@ def test_every_public_name_is_there_and_explained(name: str) -> None:
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="clsoe_loop"):
-        _ = hybrid_dynamics.clsoe_loop
+        _ = hybrid_dynamics.clsoe_loop  # type: ignore[attr-defined]
 
 
 @pytest.fixture(scope="module")

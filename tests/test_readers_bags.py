@@ -198,7 +198,7 @@ def test_storage_file_of_a_bag_folder_can_be_given_alone(tmp_path: Path) -> None
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
 def test_late_and_repeated_messages(tmp_path: Path, kind: str) -> None:
     """Recording order differs from measurement order, and some messages come twice."""
-    run, said = recording(), []
+    run, said = recording(), list[str]()
     rng = np.random.default_rng(0)
     for state in run.states:
         state.log_time += int(rng.integers(0, 30_000_000))
@@ -210,7 +210,7 @@ def test_late_and_repeated_messages(tmp_path: Path, kind: str) -> None:
 
 
 def test_zero_header_stamps_and_missing_velocity(tmp_path: Path) -> None:
-    run, said = recording(), []
+    run, said = recording(), list[str]()
     for state in run.states:
         state.stamp, state.velocity = 0, []
     log = read_log(write_mcap(tmp_path, run), JOINTS, notify=said.append)
@@ -221,7 +221,7 @@ def test_zero_header_stamps_and_missing_velocity(tmp_path: Path) -> None:
 
 def test_messages_of_other_joints_are_left_out(tmp_path: Path) -> None:
     """A gripper driver publishes on the same topic."""
-    run, said = recording(), []
+    run, said = recording(), list[str]()
     run.states += [
         State(s.stamp + 5_000_000, ["finger"], [0.0], [0.0], [0.0], s.log_time + 5_000_000) for s in run.states
     ]

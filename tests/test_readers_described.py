@@ -315,7 +315,7 @@ def test_log_yaml_and_the_command_line(tmp_path: Path) -> None:
         ({"log": tmp_path / "none.yaml"}, "no such file; give the path of a log.yaml"),
     ):
         with pytest.raises(ConfigError) as error:
-            from_options(**options)  # type: ignore[arg-type]
+            from_options(**options)
         assert line in str(error.value)
 
 

@@ -272,7 +272,7 @@ def test_uneven_stamps_recover_the_motion(tmp_path: Path, kind: str) -> None:
 
 def test_run_with_a_long_gap_is_split_not_bridged(tmp_path: Path) -> None:
     time = np.concatenate([UNIFORM, UNIFORM + 4.0, UNIFORM[:20] + 9.0])
-    path, said = write(tmp_path, csv_text(time)), []
+    path, said = write(tmp_path, csv_text(time)), list[str]()
     parts = read_pieces(path, JOINTS, notify=said.append)
     assert [part.name for part in parts] == ["run.part1", "run.part2"]
     assert [len(part.time) for part in parts] == [300, 300]
@@ -314,7 +314,7 @@ def test_resampling_keeps_cubics_and_stays_inside(seed: int, rate: float, jitter
 )
 def test_resample_settings_are_checked(bad: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(bad))):
-        ResampleSettings(**bad)  # type: ignore[arg-type]
+        ResampleSettings(**bad)
 
 
 # UR10e -----------------------------------------------------------------------------------------------------------
@@ -342,7 +342,7 @@ def ur10e_file(tmp_path: Path, table: Array, edit: Callable[[list[str]], list[st
 
 
 def test_ur10e_torque_window_and_grid(tmp_path: Path) -> None:
-    table, said = ur10e_table(), []
+    table, said = ur10e_table(), list[str]()
     run = read_ur10e(ur10e_file(tmp_path, table), "ur", "train", notify=said.append)
     t = table[:, 0] - table[0, 0]
     # The motion is found, with standstill around it, without the way to the start (1.0 to 1.5 s).
@@ -381,7 +381,7 @@ def corrupt(lines: list[str]) -> list[str]:
 
 
 def test_ur10e_corrupted_rows_are_dropped_by_number(tmp_path: Path) -> None:
-    table, said = ur10e_table(), []
+    table, said = ur10e_table(), list[str]()
     run = read_ur10e(ur10e_file(tmp_path, table, corrupt), "ur", "train", notify=said.append)
     assert "6 corrupted rows of 2000 dropped: rows 2-6, 2000" in said[0]
     clean = read_ur10e(ur10e_file(tmp_path, table), "ur", "train")
@@ -510,7 +510,7 @@ def test_bad_wam_log(tmp_path: Path, edit: Callable[[str], str], parts: list[str
 
 
 def test_wam_repeated_stamps_are_dropped_by_number(tmp_path: Path) -> None:
-    lines, said = wam_lines(), []
+    lines, said = wam_lines(), list[str]()
     text = "\n".join([*lines[:101], lines[100], *lines[101:]])
     run = read_wam(write(tmp_path, text, "log.dat"), "traj1", "train", notify=said.append)
     assert "1 rows with a repeated time stamp dropped: rows 101" in said[0] or "rows 102" in said[0]

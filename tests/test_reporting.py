@@ -13,8 +13,9 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.browser import look
+from tests.reporting_study import DAMPING, write_dataset
 
-from browser import look
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.loop_report.content import Content, Curve, Group, write_content
@@ -37,7 +38,6 @@ from hybrid_dynamics.study.report.pieces import best_beside_rigid_body
 from hybrid_dynamics.study.report.tables import format_value, text_tables
 from hybrid_dynamics.study.results import DatasetResults, Section, StudyInputs, read_dataset
 from hybrid_dynamics.trajectory import Trajectory
-from reporting_study import DAMPING, write_dataset
 
 
 def run(name: str, split: str, tau: np.ndarray) -> Trajectory:

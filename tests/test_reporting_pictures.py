@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
+from tests.reporting_study import write_dataset
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import write_text
@@ -18,7 +19,6 @@ from hybrid_dynamics.study.report.arm import camera_for, posed_surface, render_a
 from hybrid_dynamics.study.report.render import Camera, Surface, render, shadow
 from hybrid_dynamics.study.results import read_dataset
 from hybrid_dynamics.trajectory import read_trajectories
-from reporting_study import write_dataset
 
 
 def test_terms_are_expanded_and_summed() -> None:
@@ -88,8 +88,8 @@ def test_a_front_shows_the_first_round_and_the_refitted_expression() -> None:
     rows = [(1, "search", 3, 1.0), (2, "search", 5, 0.1), (2, "refit", 9, 0.01)]
     table = pd.DataFrame([("sr", 1, *row) for row in rows], columns=columns)
     first, final = figures.fronts(table, ["sr"], "t").axes[0].get_lines()
-    assert list(first.get_xdata()) == [3]
-    assert list(final.get_ydata()) == [0.01]
+    assert np.asarray(first.get_xdata()).tolist() == [3]
+    assert np.asarray(final.get_ydata()).tolist() == [0.01]
 
 
 def triangle(z: float, colour: tuple[float, float, float]) -> Surface:

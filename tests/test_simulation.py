@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.tests_support_simulation import passive_controller
 
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.robots import Robot, find_description
@@ -29,7 +30,6 @@ from hybrid_dynamics.simulation import (
 )
 from hybrid_dynamics.simulation.controller import inertia_range
 from hybrid_dynamics.trajectory import Trajectory
-from tests_support_simulation import passive_controller
 
 LOCK = ("panda_finger_joint1", "panda_finger_joint2")
 PANDA = Robot.from_urdf(find_description("panda_description/urdf/panda.urdf"), LOCK)
@@ -114,8 +114,8 @@ def test_unstable_gain_is_refused_naming_the_joint() -> None:
 def _follow(reference: Reference, **changes: object) -> Rollout | Refusal:
     controller = make_controller(PANDA, ControllerSettings(), 1e-3)
     robot = changes.pop("robot", PANDA)
-    controller = dataclasses.replace(controller, **changes)  # type: ignore[arg-type]
-    return simulate(robot, [reference], controller, 2e-4, viscous(DAMPING))[0]  # type: ignore[arg-type]
+    controller = dataclasses.replace(controller, **changes)
+    return simulate(robot, [reference], controller, 2e-4, viscous(DAMPING))[0]
 
 
 def test_saturating_diverging_and_limit_breaking_runs_are_refused_by_name() -> None:
@@ -211,7 +211,7 @@ def test_free_fall_conserves_energy_and_damping_takes_it() -> None:
 )
 def test_settings_out_of_range(wrong: dict[str, float], named: str) -> None:
     with pytest.raises(ConfigError, match=named):
-        SimulationSettings(**wrong)  # type: ignore[arg-type]
+        SimulationSettings(**wrong)
     with pytest.raises(ConfigError, match=r"controller\.ratio"):
         ControllerSettings(ratio=0.9)
     with pytest.raises(InputError, match="damping holds 3"):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.tests_support_simulation import interval_residual, passive_controller
 
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation import (
@@ -26,7 +27,6 @@ from hybrid_dynamics.simulation import (
     viscous,
 )
 from hybrid_dynamics.simulation.friction import DrySolver
-from tests_support_simulation import interval_residual, passive_controller
 
 LOCK = ("panda_finger_joint1", "panda_finger_joint2")
 PANDA = Robot.from_urdf(find_description("panda_description/urdf/panda.urdf"), LOCK)

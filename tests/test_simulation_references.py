@@ -84,7 +84,7 @@ def test_resampling_a_file_keeps_the_motion() -> None:
 )
 def test_settings_out_of_range_are_refused_by_name(wrong: dict[str, object], named: str) -> None:
     with pytest.raises(ConfigError, match=named):
-        ReferenceSettings(**wrong)  # type: ignore[arg-type]
+        ReferenceSettings(**wrong)
 
 
 def test_no_room_names_the_joint() -> None:

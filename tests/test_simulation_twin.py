@@ -159,7 +159,7 @@ def clean_velocity() -> np.ndarray:
 )
 def test_sensor_settings_out_of_range(wrong: dict[str, float], named: str) -> None:
     with pytest.raises(ConfigError, match=named):
-        SensorSettings(**wrong)  # type: ignore[arg-type]
+        SensorSettings(**wrong)
 
 
 def test_lists_of_the_wrong_length_are_refused() -> None:

@@ -245,7 +245,7 @@ def test_missing_network_is_found_once(tmp_path: Path) -> None:
     data = source(None, tmp_path, *[pinned(f"run{i}.csv", BLOB) for i in range(5)])
     calls: list[str] = []
     download = data._downloader.download
-    data._downloader.download = lambda url, *a: (calls.append(url), download(url, *a))[1]  # type: ignore[method-assign]
+    data._downloader.download = lambda url, *a: (calls.append(url), download(url, *a))[1]  # type: ignore[func-returns-value,method-assign]
     report = fetch(data, tmp_path / "out", notify=lambda _: None)
     assert len(report.missing) == 5
     assert len(calls) == 1

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from tests.reporting_study import write_dataset
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.features import feature_names
 from hybrid_dynamics.files import write_json
+from hybrid_dynamics.study.layout import LOOP_COLUMNS
 from hybrid_dynamics.study.tracking import collect, known_digests, root, store, upsert
-from hybrid_dynamics.study.tracking.records import LOOP_COLUMNS, RunRecord, flatten
-from reporting_study import write_dataset
+from hybrid_dynamics.study.tracking.records import RunRecord, flatten
 
 
 def test_the_database_is_at_the_root_of_the_main_repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from tests.small_arm import HIDDEN, URDF, arm, runs
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.features import add_features
@@ -26,7 +27,6 @@ from hybrid_dynamics.study.tracking.card import LONGEST, description
 from hybrid_dynamics.study.tracking.identified import identified
 from hybrid_dynamics.study.tracking.registry import held_out_error, registered_name
 from hybrid_dynamics.trajectory import Trajectory, write_trajectories
-from small_arm import HIDDEN, URDF, arm, runs
 
 NAME = "hybrid_dynamics.arm"
 FINISHED, WALL = 1.7e9, 12.5

@@ -64,8 +64,8 @@ def _case(effect: str, side: str, seconds: int) -> Callable[[], dict[str, Any]]:
 
     folder = Path(tempfile.mkdtemp(prefix="bench-"))
     (folder / "arm.urdf").write_text(arm_urdf(JOINTS))
-    for k, run in enumerate(_runs(effect, seconds)):
-        np.savez(folder / f"run{k}.npz", **run)
+    for k, arrays in enumerate(_runs(effect, seconds)):
+        np.savez(folder / f"run{k}.npz", **arrays)  # type: ignore[arg-type]
     command = [sys.executable, "-W", "ignore", "-m", "benchmarks.cases.declared", effect, side, str(folder)]
 
     def run() -> dict[str, Any]:
@@ -118,7 +118,7 @@ def _peer(effect: str, folder: Path) -> float:
             data.qpos, data.qvel, data.qacc = q[row], dq[row], ddq[row]
             mujoco.mj_inverse(model, data)
             out[row] = data.qfrc_inverse
-        return out
+        return np.asarray(out)
 
     def residual(x: np.ndarray, params: Any) -> tuple[list[np.ndarray], None, None]:
         # ``x`` is one point, or (parameters, points) for finite differences.

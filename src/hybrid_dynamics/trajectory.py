@@ -225,7 +225,7 @@ def _from_table(table: pa.Table, signals: list[str], n: int, path: str | os.Path
         held = table.column(name)
         if not (pa.types.is_floating(held.type) or pa.types.is_integer(held.type)):
             raise InputError(f"{path}: column '{name}' holds {held.type}; expected numbers")
-        values = held.to_numpy()
+        values = np.asarray(held.to_numpy())
         bad = ~np.isfinite(values)
         if bad.any():
             raise InputError(

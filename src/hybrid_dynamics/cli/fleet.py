@@ -118,7 +118,7 @@ def _tables(console: Console, out: Path, result: FleetResult) -> dict[str, Any]:
 
     runs, trends = (pd.read_csv(out / f"{name}.csv") for name in ("runs", "trends"))
     verdicts = runs["verdict"].dropna().value_counts()
-    told = ", ".join(f"{n} {v.replace('_', ' ')}" for v, n in verdicts.items())
+    told = ", ".join(f"{n} {str(v).replace('_', ' ')}" for v, n in verdicts.items())
     console.say(f"{len(result.outcomes)} runs: {told}")
     moving = trends[trends["trend"].isin(["rising", "falling"])]
     for row in moving.itertuples():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -12,6 +12,8 @@ from yaml import YAMLError
 from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.loop.process import ProcessSettings
 from hybrid_dynamics.loop.settings import LoopSettings
+
+Settings = TypeVar("Settings", LoopSettings, ProcessSettings)
 
 
 def settings_from(pairs: Sequence[str]) -> LoopSettings:
@@ -40,7 +42,7 @@ def _value(name: str, text: str) -> Any:
     return value["value"]
 
 
-def _typed(cls: type, values: dict[str, Any]) -> Any:
+def _typed(cls: type[Settings], values: dict[str, Any]) -> Settings:
     defaults = cls()
     for name, value in values.items():
         if name not in vars(defaults):

@@ -64,7 +64,7 @@ def estimate_spectrum(x: Array, dt: float) -> Spectrum:
         )
     length = len(x) // 2
     window = signal.windows.hann(length, sym=False) ** 2
-    frequency, power = signal.welch(
+    frequency, power = signal.welch(  # type: ignore[call-overload]
         x, fs=1 / dt, window=window, nperseg=length, noverlap=length - length // 4, detrend="linear"
     )
     noise, bandwidth = _noise_density(frequency, power)

@@ -21,9 +21,9 @@ from hybrid_dynamics.types import Array
 def base_rotation(roll: float, pitch: float) -> Array:
     """Ry(pitch) Rx(roll)."""
     cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
-    return np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]]) @ np.array(
-        [[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]]
-    )
+    about_y: Array = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    about_x: Array = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    return np.asarray(about_y @ about_x)
 
 
 def base_angles(gravity: Array) -> tuple[float, float]:
@@ -82,7 +82,7 @@ class GravityTilt(Family):
 
     def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         own = np.asarray(robot.model.gravity.linear)
-        return tilted_gravity(parameters["roll"], parameters["pitch"], float(np.linalg.norm(own))) - own
+        return np.asarray(tilted_gravity(parameters["roll"], parameters["pitch"], float(np.linalg.norm(own))) - own)
 
     def change(self, robot: Robot, effect: Effect) -> None:
         size = float(np.linalg.norm(robot.model.gravity.linear))

@@ -76,7 +76,7 @@ def pseudo_inertia_basis() -> Array:
 
 def pseudo_inertia(dynamic: Array) -> Array:
     """Pseudo-inertia (4, 4) of dynamic parameters (10,)."""
-    return np.einsum("k,kij->ij", dynamic, pseudo_inertia_basis())
+    return np.asarray(np.einsum("k,kij->ij", dynamic, pseudo_inertia_basis()))
 
 
 def is_physical(dynamic: Array) -> bool:

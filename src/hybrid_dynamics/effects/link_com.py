@@ -73,7 +73,7 @@ class LinkCom(Family):
 
     def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         own = link_parameters(robot, term.index)
-        return np.array([parameters[axis] for axis in _AXES]) * own[0] - own[1:4]
+        return np.asarray(np.array([parameters[axis] for axis in _AXES]) * own[0] - own[1:4])
 
     def change(self, robot: Robot, effect: Effect) -> None:
         link = effect.joint_index(robot) or 0

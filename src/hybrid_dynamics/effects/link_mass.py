@@ -52,7 +52,7 @@ class LinkMass(Family):
     def columns(self, motion: Motion, term: Term) -> Array:
         own = link_parameters(motion.robot, term.index)
         first = 10 * term.index
-        return (motion.regressor[:, :, first : first + 10] @ (own / own[0]))[:, :, None]
+        return np.asarray((motion.regressor[:, :, first : first + 10] @ (own / own[0]))[:, :, None])
 
     def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         own = 0.0 if robot is None or term is None else float(link_parameters(robot, term.index)[0])

@@ -8,7 +8,7 @@ from hybrid_dynamics.effects.inertia import INERTIA_ENTRIES, is_physical, to_bod
 from hybrid_dynamics.export.body import BodyNumbers
 from hybrid_dynamics.export.source import Rendered, Source
 from hybrid_dynamics.export.xml_text import Node, XmlText
-from hybrid_dynamics.robots.urdf import MOVABLE
+from hybrid_dynamics.robots.urdf_checks import MOVABLE
 from hybrid_dynamics.types import Array
 
 #: Smallest share that can be given to the links fixed to a moving one, searched by halving this often.

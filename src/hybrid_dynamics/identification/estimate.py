@@ -98,7 +98,7 @@ class Problem:
             source, goal = self._columns(j, int(widths[j]))
             residual = self.joint_factors[j][:, source] @ np.append(x, -1.0)[goal]
             out[j] = np.linalg.norm(residual) / np.sqrt(max(rows[j], 1) * free)
-        return np.maximum(out, self._noise_floor)
+        return np.asarray(np.maximum(out, self._noise_floor))
 
 
 def _grams(factors: Array) -> Array:

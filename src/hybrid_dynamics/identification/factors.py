@@ -142,7 +142,7 @@ def _columns(
     at = centre - centre[0]
     for k, tap in enumerate(taps):
         weights[np.arange(len(centre)), at + k] = tap
-    return (weights @ columns.reshape(len(index), -1)).reshape(len(centre), *columns.shape[1:])
+    return np.asarray((weights @ columns.reshape(len(index), -1)).reshape(len(centre), *columns.shape[1:]))
 
 
 def _triangle(rows: Array) -> Array:

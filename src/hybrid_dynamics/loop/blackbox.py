@@ -70,7 +70,7 @@ def since_reversal(q: Array) -> Array:
     path = np.cumsum(np.abs(step))
     start = np.zeros(len(q))
     start[turn] = path[turn - 1] if len(turn) else 0.0
-    return way * (path - np.maximum.accumulate(start))
+    return np.asarray(way * (path - np.maximum.accumulate(start)))
 
 
 def learnable(

@@ -302,7 +302,7 @@ class Evidence:
         """Columns of joint ``j`` and, as the last one, its target, over the rows of block ``b`` that count."""
         r, (low, high) = self.block_run[b], self.block_rows[b]
         rows = np.column_stack([self._rows[r][j][low:high], self.target[r][low:high, j]])
-        return rows[self.mask[r][low:high, j]]
+        return np.asarray(rows[self.mask[r][low:high, j]])
 
     def _multiply(self, j: int, columns: Indices) -> None:
         """Renew the products of ``columns`` of joint ``j`` with all its columns and the target."""

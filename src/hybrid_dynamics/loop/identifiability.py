@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
+from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Place, overlap, pairs
-from hybrid_dynamics.loop.trace import FEWEST_ROWS, Judge, covers, same_place
+from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.types import Array
 
 #: A rival must be able to make at least this share of the effect's torque by itself.

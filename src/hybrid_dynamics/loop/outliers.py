@@ -62,7 +62,7 @@ def outlier_segments(
     most = (counted >= FEWEST_JOINTS) & ((size > DEPARTURE).sum(axis=1) > counted / 2)
     dt = float(time[1] - time[0])
     reach = max(round(pad / dt), 1)
-    joined, count = label(binary_closing(np.pad(most, reach), np.ones(2 * reach + 1))[reach:-reach] | most)
+    joined, count = label(binary_closing(np.pad(most, reach), np.ones(2 * reach + 1, bool))[reach:-reach] | most)
     spans = [np.flatnonzero(joined == k + 1) for k in range(count)]
     if sum(len(s) for s in spans) > LARGEST_SHARE * len(time) or any(len(s) * dt > LONGEST for s in spans):
         return []

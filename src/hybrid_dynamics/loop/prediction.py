@@ -68,7 +68,7 @@ class Prediction:
         errors = self.rmse(smooth)
         assert truth is not None
         spread = truth[self.covered].std(axis=0)
-        return np.divide(errors, spread, out=np.full_like(errors, np.nan), where=spread > 0)
+        return np.asarray(np.divide(errors, spread, out=np.full_like(errors, np.nan), where=spread > 0))
 
     def relative_error(self, smooth: bool = True) -> float:
         """Norm of the error over the norm of the torque, all joints together; NaN where that is zero."""

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.floor import difference_floor
+from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor, rich_residuals
 from hybrid_dynamics.loop.outliers import describe, outlier_segments
 from hybrid_dynamics.loop.process import Run, moving_joints, process
 from hybrid_dynamics.loop.settings import LoopSettings
-from hybrid_dynamics.loop.trace import FEWEST_ROWS, Judge, same_place
+from hybrid_dynamics.loop.trace import Judge, same_place
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array

@@ -76,7 +76,7 @@ def hann_kernel(duration: float, dt: float) -> Array:
     """Symmetric Hann window of ``duration`` [s] with an odd number of taps and unit sum: -6 dB at 1/duration."""
     half = max(round(duration / (2 * dt)), 1)
     taps = np.cos(np.pi * np.arange(-half, half + 1) / (2 * (half + 1))) ** 2
-    return taps / taps.sum()
+    return np.asarray(taps / taps.sum())
 
 
 def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> Run:
@@ -151,4 +151,4 @@ def moving_joints(runs: list[Run], settings: ProcessSettings) -> NDArray[np.bool
     """(n,) which joints move in at least one run."""
     spans = np.array([np.ptp(run.q, axis=0) for run in runs])
     rows = np.array([run.mask.sum(axis=0) for run in runs]).sum(axis=0)
-    return (spans.max(axis=0) >= settings.moving_range) & (rows >= 20)
+    return np.asarray((spans.max(axis=0) >= settings.moving_range) & (rows >= 20))

@@ -15,8 +15,9 @@ import numpy as np
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.evidence import Held
+from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
-from hybrid_dynamics.loop.trace import DECISIVE, FEWEST_ROWS, Gain, Judge, covers, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, Gain, Judge, covers, rank, same_place
 
 #: A family must surely sit on at least this many joints, and on half of those that move, to be common.
 FEWEST_COMMON = 3

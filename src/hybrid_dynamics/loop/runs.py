@@ -14,9 +14,10 @@ import numpy as np
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import ONLY_RUN
+from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.identifiability import fit_alone
 from hybrid_dynamics.loop.search import Step, search
-from hybrid_dynamics.loop.trace import FEWEST_ROWS, Judge, same_place
+from hybrid_dynamics.loop.trace import Judge, same_place
 from hybrid_dynamics.types import Array
 
 #: Of the excess over the floor, the share that parameters per run must remove before runs are said to disagree.

@@ -27,6 +27,7 @@ CURVE_HEIGHT, TORQUE_HEIGHT, STRIP_HEIGHT = 300, 230, 120
 
 
 def _figure(title: str, x: str, y: str, height: int, **options: Any) -> Any:
+    from bokeh.models.annotations import Title
     from bokeh.plotting import figure
 
     made = figure(
@@ -50,6 +51,7 @@ def _figure(title: str, x: str, y: str, height: int, **options: Any) -> Any:
     for axis in (made.xaxis, made.yaxis):
         axis.axis_label_text_font_style = "normal"
         axis.axis_label_text_font_size = "12px"
+    assert isinstance(made.title, Title)
     made.title.text_font_size = "13px"
     return made
 

@@ -89,7 +89,7 @@ def confirmed(entry: Mapping[str, Any]) -> bool:
 def final_errors(d: Diagnosis, split: str = "test", of: str = "error") -> Mapping[str, Any]:
     """Errors of the model that stands in model.json: without contradicted effects."""
     errors = d[of][split]
-    return errors.get("after_confirmed") or errors["after"]
+    return dict(errors.get("after_confirmed") or errors["after"])
 
 
 def where(names: Sequence[str], joints: Sequence[str]) -> str:

@@ -49,11 +49,12 @@ class Layer:
         """The estimator's class. Raises :class:`ConfigError` where there is none at :attr:`home`."""
         module, _, name = self.home.partition(":")
         try:
-            return getattr(import_module(module), name)
+            found: type[LayerEstimator] = getattr(import_module(module), name)
         except (AttributeError, ModuleNotFoundError) as error:
             raise ConfigError(
                 f"layer {self.kind!r}: {self.home} cannot be imported ({error}); correct METHODS"
             ) from None
+        return found
 
     def settings(self, given: Any = None) -> Any:
         """``given`` or the default settings; raises :class:`ConfigError` where a fixed one differs."""
@@ -240,11 +241,11 @@ def fit_factor(method: str, settings: Mapping[str, Any] | None, factor: Factor) 
     """The fitted estimator of a ``method`` that takes the factor of its data set (:func:`is_reduced`)."""
     reduced = [name for name in layered() if is_reduced(name)]
     require(method in reduced, f"method is {method!r}; expected a SINDy method ({', '.join(reduced)})")
-    estimator: Any = build_estimator(method, settings)
+    estimator = build_estimator(method, settings)
+    layer: Any = estimator.residual if isinstance(estimator, HybridEstimator) else estimator
     if not isinstance(estimator, HybridEstimator):
-        estimator.fit_factor(factor)
+        layer.fit_factor(factor)
         return estimator
-    layer: Any = estimator.residual
     layer.fit_factor(factor.less_rigid_body())
     estimator.n_joints_ = factor.n_joints
     if isinstance(estimator.base, RigidBody):

@@ -170,4 +170,4 @@ def _network(inputs: int, hidden: tuple[int, ...], outputs: int, generator: torc
         layers.append(layer)
         if k < len(hidden):
             layers.append(torch.nn.ReLU())
-    return torch.nn.Sequential(*layers)
+    return torch.nn.Sequential(*layers)  # type: ignore[no-any-return]

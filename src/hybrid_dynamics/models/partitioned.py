@@ -70,4 +70,4 @@ def _is_split(file: pq.ParquetFile, group: int, split: str, path: str) -> bool:
     found = file.read_row_group(group, columns=["split"])["split"].unique().to_pylist()
     if len(found) > 1:
         raise InputError(f"{path}: row group {group + 1} mixes the splits {sorted(found)}; expected one a row group")
-    return found == [split]
+    return bool(found == [split])

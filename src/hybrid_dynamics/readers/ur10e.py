@@ -187,7 +187,7 @@ def _sound(values: Array, rows: NDArray[np.int64], settings: Ur10eSettings) -> N
         good &= np.abs(values[:, 13:19]).max(axis=1) <= settings.max_current
     index = np.flatnonzero(good)
     if len(index) < 2:
-        return good
+        return np.asarray(good)
     # A damaged stamp lies far from the clock line through the others (medians: half the rows may be wrong) ...
     stamp, number = values[index, 0], rows[index].astype(float)
     step = float(np.median(np.diff(stamp) / np.diff(number)))
@@ -197,4 +197,4 @@ def _sound(values: Array, rows: NDArray[np.int64], settings: Ur10eSettings) -> N
     # ... or is out of order: the longest increasing sequence stays.
     index = index[fits]
     good[np.delete(index, longest_increasing(values[index, 0]))] = False
-    return good
+    return np.asarray(good)

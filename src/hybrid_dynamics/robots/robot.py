@@ -110,12 +110,12 @@ class Robot:
     @property
     def velocity_limits(self) -> Array:
         """(n,) [rad/s]."""
-        return np.asarray(self.model.upperVelocityLimit)[self._v].copy()
+        return np.asarray(np.asarray(self.model.upperVelocityLimit)[self._v].copy())
 
     @property
     def effort_limits(self) -> Array:
         """(n,) [N m], the rated torque."""
-        return np.asarray(self.model.upperEffortLimit)[self._v].copy()
+        return np.asarray(np.asarray(self.model.upperEffortLimit)[self._v].copy())
 
     def copy(self) -> Robot:
         """An independent robot whose ``model`` may be changed."""
@@ -150,7 +150,7 @@ class Robot:
         out = full[self._v].T.copy()
         for leader, i, m in self._followers:
             out[:, leader] += m.multiplier * full[self.model.idx_vs[i]]
-        return out
+        return np.asarray(out)
 
     def _check(self, *arrays: Array) -> tuple[Array, ...]:
         out = tuple(np.atleast_2d(np.asarray(a, float)) for a in arrays)

@@ -150,7 +150,7 @@ def from_state_torque(torque: Callable[[Array, Array], Array], n_joints: int) ->
         return np.maximum(0.5 * (torque(q, speed) - torque(q, -speed)), 0.0)
 
     def smooth(q: Array, dq: Array, time: float) -> Array:
-        return torque(q, dq) - half_jump(q) * np.sign(dq) - damping * dq
+        return np.asarray(torque(q, dq) - half_jump(q) * np.sign(dq) - damping * dq)
 
     def dry(q: Array, dq: Array, load: Array, time: float) -> tuple[Array, Array]:
         level = half_jump(q)

@@ -208,7 +208,7 @@ def true_torque(robot: Robot, friction: DriveFriction, run: Trajectory) -> Array
     dq = run["dq"]
     rigid = with_armature(robot, friction.armature or zero).inverse_dynamics(run["q"], dq, run["ddq"])
     losses = np.array(friction.viscous or zero) * dq + np.array(friction.coulomb or zero) * np.sign(dq)
-    return rigid + losses + np.array(friction.offset or zero)
+    return np.asarray(rigid + losses + np.array(friction.offset or zero))
 
 
 @dataclass(frozen=True)

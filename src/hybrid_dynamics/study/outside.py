@@ -106,12 +106,12 @@ def own_coupling(course: Course, joint: int, values: Mapping[str, float]) -> Arr
 
 def drift(course: Course, joint: int, values: Mapping[str, float]) -> Array:
     grown = 1.0 - np.exp(-(course.time - course.time[0]) / values["constant"])
-    return values["torque"] * grown * np.sign(course.dq[:, joint])
+    return np.asarray(values["torque"] * grown * np.sign(course.dq[:, joint]))
 
 
 def contact(course: Course, joint: int, values: Mapping[str, float]) -> Array:
     time = course.time - course.time[0]
-    return values["torque"] * ((time >= values["start"]) & (time <= values["end"]))
+    return np.asarray(values["torque"] * ((time >= values["start"]) & (time <= values["end"])))
 
 
 def _relaxed(course: Course, joint: int, stiffness: float, level: Array) -> tuple[Array, Array]:

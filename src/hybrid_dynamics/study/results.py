@@ -14,8 +14,9 @@ import pyarrow.parquet as pq
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop_report.content import Content
 from hybrid_dynamics.robots.urdf import movable_joints, read_urdf
-from hybrid_dynamics.study.evaluation import ERROR_COLUMNS, POOL
+from hybrid_dynamics.study.evaluation import ERROR_COLUMNS
 from hybrid_dynamics.study.extrapolation import Extrapolation, extrapolation
+from hybrid_dynamics.study.layout import POOL
 from hybrid_dynamics.study.methods import in_order
 from hybrid_dynamics.trajectory import read_metadata
 
@@ -171,7 +172,8 @@ def _read_parquet(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     for column in columns:
         if column not in table.column_names:
             raise InputError(f"{path}: column {column!r} is missing; run the stage evaluate again (dvc repro)")
-    return table.to_pandas()
+    frame: pd.DataFrame = table.to_pandas()
+    return frame
 
 
 def _tables(folder: Path, methods: list[str], name: str, columns: tuple[str, ...]) -> pd.DataFrame:

@@ -163,12 +163,12 @@ def fit_constants(expression: sp.Expr, X: Array, y: Array, names: Sequence[str])
     def residual(p: Array) -> Array:
         with np.errstate(all="ignore"):
             error = value(*p, *data) - target
-        return np.nan_to_num(np.broadcast_to(error, target.shape), nan=1e150, posinf=1e150, neginf=-1e150)
+        return np.asarray(np.nan_to_num(np.broadcast_to(error, target.shape), nan=1e150, posinf=1e150, neginf=-1e150))
 
     def jacobian(p: Array) -> Array:
         with np.errstate(all="ignore"):
             parts = slope(*p, *data)
-        return np.nan_to_num(np.column_stack([np.broadcast_to(part, target.shape) for part in parts]))
+        return np.asarray(np.nan_to_num(np.column_stack([np.broadcast_to(part, target.shape) for part in parts])))
 
     start = np.array([float(c) for c in constants])
     scale = np.maximum(np.abs(start), 1e-6)

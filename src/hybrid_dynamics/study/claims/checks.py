@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+import numpy as np
 import pandas as pd
 
 from hybrid_dynamics.study.claims import paper
@@ -130,7 +131,7 @@ def _twin(result: DatasetResults) -> Iterator[Check]:
     yield Check(
         result.title,
         f"Least squares, held-out RMSE of every joint at most {TWIN_BOUND:g} times that of the twin's true model",
-        f"worst {ratio.max():.2f} (joint {int(ratio.idxmax())}), median {ratio.median():.2f}",
+        f"worst {ratio.max():.2f} (joint {int(str(ratio.idxmax()))}), median {ratio.median():.2f}",
         bool((ratio <= TWIN_BOUND).all()),
     )
 
@@ -182,6 +183,6 @@ def _gain(result: DatasetResults) -> Iterator[Check]:
 
 
 def _worst(table: pd.DataFrame) -> tuple[float, str, int]:
-    stacked = table.stack()
-    joint, method = stacked.idxmax()
-    return float(stacked.max()), str(method), int(joint)
+    values = table.to_numpy(float)
+    row, column = divmod(int(np.nanargmax(values)), values.shape[1])
+    return float(values[row, column]), str(table.columns[column]), int(str(table.index[row]))

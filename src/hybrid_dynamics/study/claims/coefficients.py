@@ -76,8 +76,8 @@ def table_three(results: DatasetResults) -> Iterator[JointTerms]:
             continue
         rows = results.expressions[results.expressions["method"] == method]
         counterpart = paper.TABLE_III[column]
-        for row in rows.sort_values("joint").itertuples():
-            joint, expression = int(row.joint), str(row.expression)
+        for row in rows.sort_values("joint").to_dict("records"):
+            joint, expression = int(row["joint"]), str(row["expression"])
             short = len(expression) <= LONGEST
             found = terms(expression) if short else None
             yield JointTerms(

@@ -91,7 +91,7 @@ def blind_checks(cases: pd.DataFrame) -> Iterator[Check]:
     right = (cases["named_right"].astype(str).str.lower() == "true") & (
         cases["nothing_wrong_named"].astype(str).str.lower() == "true"
     )
-    planted = cases["hidden"].fillna("").astype(str).str.split().str.len()
+    planted = cases["hidden"].fillna("").astype(str).map(lambda names: len(names.split()))
     for count, share in NAMED_SHARES.items():
         own = right[planted == count]
         what = {0: "Nothing hidden: nothing is named", 1: "One hidden effect", 2: "Two hidden effects"}[count]

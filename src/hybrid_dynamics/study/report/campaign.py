@@ -51,7 +51,7 @@ def blind_section(path: Path) -> Section | None:
         right=_truth(cases["named_right"]) & _truth(cases["nothing_wrong_named"]),
         after=cases["rmse_after"] / cases["rmse_true_model"],
     )
-    cases["planted"] = cases["hidden"].str.split().str.len()
+    cases["planted"] = cases["hidden"].map(lambda names: len(names.split()))
     counted_cases = cases[(cases["planted"] == 0) | (cases["size_over_floor"] >= BLIND_SIZE)]
     misses = counted_cases.loc[
         ~counted_cases["right"], ["case", "robot", "hidden", "hidden_joints", "named", "named_joints"]
@@ -195,14 +195,16 @@ def _arms(rows: pd.DataFrame) -> str:
 def _arm_table(own: pd.DataFrame) -> str:
     ends = {"explained_share_low", "explained_share_high"} <= set(own.columns)
     body: list[list[Cell | str]] = []
-    for row in own.itertuples():
-        share = f"{100 * row.explained_share:.0f} %" if pd.notna(row.explained_share) else "–"
-        if ends and pd.notna(row.explained_share_low) and pd.notna(row.explained_share_high):
-            share += f"<small>{100 * row.explained_share_low:.0f} to {100 * row.explained_share_high:.0f} %</small>"
-        values = (row.rigid_body, row.least_squares, row.loop, row.black_box, row.floor)
+    for row in own.to_dict("records"):
+        share = f"{100 * row['explained_share']:.0f} %" if pd.notna(row["explained_share"]) else "–"
+        if ends and pd.notna(row["explained_share_low"]) and pd.notna(row["explained_share_high"]):
+            share += (
+                f"<small>{100 * row['explained_share_low']:.0f} to {100 * row['explained_share_high']:.0f} %</small>"
+            )
+        values = (row["rigid_body"], row["least_squares"], row["loop"], row["black_box"], row["floor"])
         best = min((v for v in values[:3] if pd.notna(v)), default=math.nan)
         cells = [Cell(f"{v:.3g}" if pd.notna(v) else "–", "best" if v == best else "") for v in values]
-        body.append([str(row.joint), *cells, share, Cell(escape(_text(row.named)), "text")])
+        body.append([str(row["joint"]), *cells, share, Cell(escape(_text(row["named"])), "text")])
     return table(["Joint", "rigid body", "least squares", "loop", "black box", "floor", "explained", "named"], body)
 
 

@@ -22,7 +22,8 @@ from hybrid_dynamics.files import atomic_path
 from hybrid_dynamics.study.methods import label
 from hybrid_dynamics.trajectory import Trajectory
 
-STYLE: dict[str, Any] = {
+#: Any, since matplotlib types every key of it.
+STYLE: Any = {
     "font.family": ["DejaVu Sans", "sans-serif"],
     "font.size": 8.5,
     "axes.titlesize": 9.5,

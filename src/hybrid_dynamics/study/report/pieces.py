@@ -190,10 +190,10 @@ def equations(result: DatasetResults, beside: bool = False) -> str:
         rows: list[list[Cell | str]] = []
         own = result.expressions[result.expressions["method"] == method].sort_values("joint")
         theirs = paper.WAM_EQUATIONS.get(method, {}) if beside else {}
-        for row in own.itertuples():
-            line: list[Cell | str] = [str(row.joint), Cell(to_mathml(str(row.expression)), "text")]
+        for row in own.to_dict("records"):
+            line: list[Cell | str] = [str(row["joint"]), Cell(to_mathml(str(row["expression"])), "text")]
             if theirs:
-                line.append(Cell(to_mathml(theirs[int(row.joint)]) if int(row.joint) in theirs else "", "text"))
+                line.append(Cell(to_mathml(theirs[int(row["joint"])]) if int(row["joint"]) in theirs else "", "text"))
             rows.append(line)
         kind = "torque" if method in TORQUE_EXPRESSIONS else "residual"
         heads = ["Joint", f"Ours: {kind} [N m]", *(["The paper's"] if theirs else [])]

@@ -46,7 +46,7 @@ def look_at(points: Array, camera: Camera) -> Array:
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
-    return (points - eye) @ np.stack([right, np.cross(right, forward), forward], axis=1)
+    return np.asarray((points - eye) @ np.stack([right, np.cross(right, forward), forward], axis=1))
 
 
 def _screen(points: Array, camera: Camera, width: int, height: int) -> Array:
@@ -102,7 +102,7 @@ def shadow(corners: Array) -> Array:
     """Where the sun throws points (..., 3) on the plane z = 0."""
     flat = corners - SUN * (np.maximum(corners[..., 2:], 0.0) / SUN[2])
     flat[..., 2] = 0.0
-    return flat
+    return np.asarray(flat)
 
 
 def render(surface: Surface, camera: Camera, width: int, height: int) -> NDArray[np.uint8]:
@@ -131,7 +131,7 @@ def render(surface: Surface, camera: Camera, width: int, height: int) -> NDArray
     shade = (ambient + diffuse) * (1 - 0.25 * rim)
     image[hit] = np.clip(surface.colours[face] * shade[:, None] + shine[:, None], 0, 1)
     small = image.reshape(height, OVERSAMPLING, width, OVERSAMPLING, 3).mean(axis=(1, 3))
-    return np.round(255 * small).astype(np.uint8)
+    return np.asarray(np.round(255 * small).astype(np.uint8))
 
 
 def _ground(surface: Surface, camera: Camera, w: int, h: int) -> Array:

@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.loop_report import html
@@ -211,7 +212,7 @@ def _errors(result: DatasetResults, split: str) -> str:
     )
 
 
-def _figure(page: _Page, drawn: figures.Figure, path: Path, caption: str) -> str:
+def _figure(page: _Page, drawn: Figure, path: Path, caption: str) -> str:
     figures.save(drawn, path)
     return page.image(figures.light(drawn), path, caption)
 
@@ -321,12 +322,12 @@ def _closing(page: _Page, results: Sequence[DatasetResults], checked: Sequence[C
 def _timing(timing: pd.DataFrame) -> str:
     rows: list[list[html.Cell | str]] = [
         [
-            html.Cell(escape(row.dataset), "text"),
-            html.Cell(escape(label(row.method)), "text"),
-            f"{row.wall_s:.1f}",
-            f"{row.peak_memory_mb:.0f}",
+            html.Cell(escape(row["dataset"]), "text"),
+            html.Cell(escape(label(row["method"])), "text"),
+            f"{row['wall_s']:.1f}",
+            f"{row['peak_memory_mb']:.0f}",
         ]
-        for row in timing.itertuples()
+        for row in timing.to_dict("records")
     ]
     return html.table(["Dataset", "Method", "Wall time [s]", "Peak memory [MB]"], rows)
 

@@ -114,4 +114,5 @@ def _example(features: Path) -> pd.DataFrame:
     file = pq.ParquetFile(features)
     n_joints = sum(name.startswith("tau_gravity") for name in file.schema_arrow.names)
     columns = list(feature_names(n_joints))
-    return next(file.iter_batches(batch_size=EXAMPLE_ROWS, columns=columns)).to_pandas()[columns]
+    first: pd.DataFrame = next(file.iter_batches(batch_size=EXAMPLE_ROWS, columns=columns)).to_pandas()
+    return first[columns]

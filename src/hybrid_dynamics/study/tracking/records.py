@@ -202,10 +202,10 @@ def _is_estimator(path: Path) -> bool:
 
 def _error_metrics(errors: pd.DataFrame) -> Iterator[tuple[str, float]]:
     pool = errors[errors["trajectory"] == POOL]
-    for row in pool.itertuples():
+    for row in pool.to_dict("records"):
         for measure in MEASURES:
-            yield f"{row.split}/{measure}/joint{row.joint}", float(getattr(row, measure))
-        yield f"{row.split}/relative_error", float(row.relative_error)
+            yield f"{row['split']}/{measure}/joint{row['joint']}", float(row[measure])
+        yield f"{row['split']}/relative_error", float(row["relative_error"])
 
 
 def _expression_texts(expressions: pd.DataFrame) -> Iterator[tuple[str, str]]:
