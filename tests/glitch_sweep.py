@@ -26,14 +26,17 @@ from hybrid_dynamics.trajectory import Trajectory
 
 #: Share of the samples, their departure in standard deviations of the signal.
 SHARES, TIMES = (1e-4, 1e-3, 1e-2), (3.0, 30.0, 1000.0)
-JOINTS, SPLITS, SIGNALS = ("one", "all"), ("train", "test"), ("q", "dq", "tau")
+JOINTS, SPLITS, SIGNALS = ("one", "all", "message"), ("train", "test"), ("q", "dq", "tau")
 #: Of the logs' samples (400 Hz) every so many are kept.
 STEPS = (1, 4)
 
 
 @dataclass(frozen=True)
 class Case:
-    """Glitches of ``signal`` in ``joints`` (one or all) of every run of ``split``; every ``step``-th sample is kept."""
+    """Glitches of ``signal`` in ``joints`` (one, all, or all at once: a whole message) of every run of ``split``.
+
+    Every ``step``-th sample of the logs is kept.
+    """
 
     signal: str
     split: str
@@ -57,9 +60,11 @@ def measured(run: Trajectory) -> Trajectory:
 def spoil(run: Trajectory, case: Case, rng: np.random.Generator) -> tuple[Trajectory, int]:
     """``run`` with the glitches of ``case``, and their number."""
     x, put = run[case.signal].copy(), 0
-    for j in range(x.shape[1]) if case.joints == "all" else (1,):
-        # The first and the last samples have neighbours on one side only.
-        rows = rng.choice(np.arange(3, len(x) - 3), max(round(case.share * len(x)), 1), replace=False)
+    rows = np.empty(0, int)
+    for j in (1,) if case.joints == "one" else range(x.shape[1]):
+        if case.joints != "message" or not len(rows):
+            # The first and the last samples have neighbours on one side only.
+            rows = rng.choice(np.arange(3, len(x) - 3), max(round(case.share * len(x)), 1), replace=False)
         x[rows, j] += case.times * x[:, j].std() * rng.choice([-1.0, 1.0], len(rows))
         put += len(rows)
     return run.with_signals(**{case.signal: x}), put
@@ -128,12 +133,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--steps", type=int, nargs="+", default=list(STEPS), help="of 400 Hz every so many samples")
+    parser.add_argument("--joints", nargs="+", default=list(JOINTS), choices=JOINTS)
     parser.add_argument("--signals", nargs="+", default=list(SIGNALS), choices=SIGNALS)
     parser.add_argument("--out", type=Path, required=True)
     wanted = parser.parse_args()
     clean = {(v, step): closed(*logs(v, step)) for v in (False, True) for step in wanted.steps}
     rows = []
-    grid = itertools.product(wanted.signals, SPLITS, JOINTS, SHARES, TIMES, wanted.steps, range(wanted.seeds))
+    grid = itertools.product(wanted.signals, SPLITS, wanted.joints, SHARES, TIMES, wanted.steps, range(wanted.seeds))
     with wanted.out.open("w", newline="", encoding="utf-8") as stream:
         table: csv.DictWriter[str] | None = None
         for values in grid:

@@ -18,6 +18,7 @@ def clean():
         Case("tau", "train", "one", 1e-4, 3.0, 2),
         Case("tau", "train", "all", 1e-2, 3.0, 2),
         Case("tau", "train", "all", 1e-2, 1000.0, 2),
+        Case("tau", "train", "message", 1e-2, 30.0, 2),
         Case("tau", "test", "all", 1e-3, 1000.0, 2),
         Case("q", "train", "all", 1e-3, 30.0, 2),
         Case("q", "test", "one", 1e-2, 3.0, 2),
