@@ -84,7 +84,7 @@ def test_of_two_that_may_be_named_the_simpler_wins_unless_the_loss_matters(worse
 @pytest.mark.parametrize(("by_chance", "enters"), [(True, False), (False, True)])
 def test_being_simpler_lets_nothing_in_that_explains_nothing_surely(by_chance, enters, monkeypatch):
     # What could imitate what needs columns; here every candidate could.
-    monkeypatch.setattr("hybrid_dynamics.loop.search._rivals", lambda judge, group, rest, candidates, torque: [OTHER])
+    monkeypatch.setattr("hybrid_dynamics.loop.search._rivals", lambda likeness, group, rest, candidates: [OTHER])
     # The same gain, 0.5 a sample: once from what the noise did block by block, once from the motion.
     turn = np.where(np.arange(BLOCKS) % 2, 1.0, -1.0)[:, None]
     change = np.sqrt(0.5) * (turn * NOISE if by_chance else LARGE)

@@ -24,6 +24,7 @@ from __future__ import annotations
 from abc import ABC
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -70,7 +71,7 @@ class Term:
         """Number of coordinates."""
         return self.family().size_of(self)
 
-    @property
+    @cached_property
     def place(self) -> tuple[Any, ...]:
         """What at most one effect of a model may have: two terms of one place exclude each other."""
         return self.family().place(self)

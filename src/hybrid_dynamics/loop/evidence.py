@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,8 @@ STIFF = 1e4
 MOST_IN_ONE = 0.8
 #: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
 FEWEST_BLOCKS, MOST_BLOCKS = 12, 100
+#: Combinations of terms whose places and constraints are kept.
+KEPT_LAYOUTS = 1000
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,13 @@ def _slices(index: Indices) -> list[slice]:
     return [slice(int(p[0]), int(p[-1]) + 1) for p in parts if len(p)]
 
 
+def _make_room(cache: dict[Layout, Any]) -> None:
+    """Drop the oldest half where ``cache`` is full."""
+    if len(cache) >= KEPT_LAYOUTS:
+        for layout in list(cache)[: KEPT_LAYOUTS // 2]:
+            del cache[layout]
+
+
 def _follows(term: Term) -> bool:
     """True where the columns depend on the model that is being fitted."""
     return term.family().uses_load or term.family().uses_torque
@@ -114,7 +124,10 @@ class Evidence:
         self.n = self.robot.n_joints
         self.terms: list[Term] = []
         self.weights = np.ones(self.n)
+        # What follows from the terms alone: a search asks for the same ones again and again.
         self._priors: dict[Term, Array] = {}
+        self._indices: dict[Layout, list[tuple[Indices, Indices]]] = {}
+        self._constraints: dict[Layout, Constraints] = {}
         self._columns: dict[Term, list[Indices | None]] = {}
         #: Columns already there, per joint: what two terms share (a link's inertia) is kept once.
         self._known: list[dict[bytes, int]] = [{} for _ in range(self.n)]
@@ -331,9 +344,10 @@ class Evidence:
         self.fold_parts = [_slices(own) for own in self.fold_blocks]
         self.own_sum = [[g.total(own) for g in self.gram] for own in self.fold_blocks]
         self.full_gram = [np.sum([own[j] for own in self.own_sum], axis=0) for j in range(self.n)]
+        #: Per joint, the sums that each fold is predicted from (folds, size, size).
         self.fold_gram = [
-            [self.full_gram[j] - self.own_sum[f][j] - self.gram[j].total(edge) for j in range(self.n)]
-            for f, edge in enumerate(self._left_out)
+            np.array([full - own[j] - gram.total(edge) for own, edge in zip(self.own_sum, self._left_out, strict=True)])
+            for j, (full, gram) in enumerate(zip(self.full_gram, self.gram, strict=True))
         ]
         self.samples = self.count.sum(axis=0)
 
@@ -358,7 +372,7 @@ class Evidence:
                 (self.full_gram[j], full),
                 *((self.own_sum[f][j], sums[f]) for f in range(self.folds)),
                 *(
-                    (self.fold_gram[f][j], full - sums[f] - product[edge].sum(axis=0))
+                    (self.fold_gram[j][f], full - sums[f] - product[edge].sum(axis=0))
                     for f, edge in enumerate(self._left_out)
                 ),
             ]:
@@ -420,22 +434,28 @@ class Evidence:
 
     def indices(self, layout: Layout) -> list[tuple[Indices, Indices]]:
         """Per joint: positions in x and columns in the joint's Gram matrix."""
-        out = []
-        for j in range(self.n):
-            position: list[int] = []
-            column: list[int] = []
-            for term, start in zip(layout.terms, layout.starts, strict=True):
-                where = self._columns[term][j]
-                if where is not None:
-                    position.extend(range(start, start + len(where)))
-                    column.extend(where)
-            out.append((np.array(position, int), np.array(column, int)))
-        return out
+        if layout not in self._indices:
+            _make_room(self._indices)
+            out = []
+            for j in range(self.n):
+                position: list[int] = []
+                column: list[int] = []
+                for term, start in zip(layout.terms, layout.starts, strict=True):
+                    where = self._columns[term][j]
+                    if where is not None:
+                        position.extend(range(start, start + len(where)))
+                        column.extend(where)
+                out.append((np.array(position, int), np.array(column, int)))
+            self._indices[layout] = out
+        return self._indices[layout]
 
     def constraints(self, layout: Layout) -> Constraints:
-        return physical_constraints(
-            layout.terms, layout.starts, layout.total, self._base_places, self.robot, self.fastest
-        )
+        if layout not in self._constraints:
+            _make_room(self._constraints)
+            self._constraints[layout] = physical_constraints(
+                layout.terms, layout.starts, layout.total, self._base_places, self.robot, self.fastest
+            )
+        return self._constraints[layout]
 
     def has(self, term: Term) -> bool:
         """True where the columns of ``term`` are there."""
@@ -445,18 +465,26 @@ class Evidence:
         """True where the starting model has an effect at ``term``."""
         return term in self._base_places
 
-    def normal(
-        self, layout: Layout, grams: Sequence[Array], indices: list[tuple[Indices, Indices]] | None = None
-    ) -> tuple[Array, Array]:
-        """Weighted normal equations with the weak prior."""
-        a, b = np.zeros((layout.total, layout.total)), np.zeros(layout.total)
-        for j, (position, column) in enumerate(indices or self.indices(layout)):
+    def normal(self, layout: Layout, grams: Sequence[Array]) -> tuple[Array, Array]:
+        """Weighted normal equations with the weak prior; ``grams``: the sum of some blocks, per joint."""
+        a, b = self._normals(layout, [gram[None] for gram in grams])
+        return a[0], b[0]
+
+    def _normals(self, layout: Layout, grams: Sequence[Array]) -> tuple[Array, Array]:
+        """The same for several sums at once: ``grams`` (m, size, size) per joint; returns (m, K, K) and (m, K)."""
+        size, many = layout.total, len(grams[0])
+        a, b = np.zeros((many, size * size)), np.zeros((many, size))
+        for j, (position, column) in enumerate(self.indices(layout)):
             if len(position):
-                a[position[:, None], position] += self.weights[j] * grams[j][column[:, None], column]
-                b[position] += self.weights[j] * grams[j][column, -1]
-        if layout.total:
-            a[np.diag_indices_from(a)] += np.concatenate([self._prior(term) for term in layout.terms])
-        return a, b
+                gram = grams[j].reshape(many, -1)
+                width = grams[j].shape[1]
+                # Flat places: picking by rows and columns takes several times as long.
+                picked = gram.take((column[:, None] * width + column).ravel(), axis=1)
+                a[:, (position[:, None] * size + position).ravel()] += self.weights[j] * picked
+                b[:, position] += self.weights[j] * grams[j][:, column, -1]
+        if size:
+            a[:, :: size + 1] += np.concatenate([self._prior(term) for term in layout.terms])
+        return a.reshape(many, size, size), b
 
     def _prior(self, term: Term) -> Array:
         """Weight (p,) that holds the coordinates of ``term`` to zero."""
@@ -506,9 +534,9 @@ class Evidence:
             layout = self.layout(sorted(key[0], key=term_order))
             indices, constraints = self.indices(layout), self.constraints(layout)
             folds = []
+            a, b = self._normals(layout, self.fold_gram)
             for f in range(self.folds):
-                a, b = self.normal(layout, self.fold_gram[f], indices)
-                x = self._solved(layout, a, b, constraints, physical) if layout.total else np.zeros(0)
+                x = self._solved(layout, a[f], b[f], constraints, physical) if layout.total else np.zeros(0)
                 folds.append(self._residual_vectors(indices, x))
             self._cache[key] = Held(self, folds)
         return self._cache[key]
@@ -534,7 +562,7 @@ class Evidence:
         """Held-out squared residual sum [N m]^2 of ``joint`` over all rows, standing ones too; fits see moving ones."""
         total = 0.0
         for f in range(self.folds):
-            torque = self.linear(terms, self.fit(terms, self.fold_gram[f]))
+            torque = self.linear(terms, self.fit(terms, [gram[f] for gram in self.fold_gram]))
             for b in self.fold_blocks[f]:
                 r, (low, high) = self.block_run[b], self.block_rows[b]
                 total += float(np.sum((self.target[r][low:high, joint] - torque[r][low:high, joint]) ** 2))

@@ -12,7 +12,7 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
-from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Place, overlap, pairs
+from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, Place, pairs
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.types import Array
 
@@ -34,7 +34,7 @@ def indistinguishable(
     free = [c for c in candidates if not any(same_place(c, s) or covers(s, c) for s in terms)]
     out: dict[Term, list[dict[str, Any]]] = {}
     for term, start in zip(layout.terms, layout.starts, strict=True):
-        own = x[start : start + term.size]
+        likeness = Likeness(evidence, term, x[start : start + term.size])
         found: dict[frozenset[Place], tuple[float, dict[str, Any]]] = {}
         rest = [s for s in terms if s != term]
         active = evidence.constrained(rest)
@@ -44,7 +44,7 @@ def indistinguishable(
             if (active and key in tried) or any(smaller < key for smaller in found):
                 continue
             tried.add(key)
-            share = overlap(evidence, term, own, *group)
+            share = likeness.share(*group)
             if share < (LIKENESS if len(group) == 1 else LIKENESS_OF_PAIR):
                 continue
             held = evidence.held([*rest, *group], active)

@@ -28,20 +28,35 @@ def pairs(term: Term, candidates: Sequence[Term]) -> list[tuple[Term, Term]]:
     return list(combinations(places.values(), 2))
 
 
-def overlap(evidence: Evidence, term: Term, x: Array, *others: Term) -> float:
-    """Share (0 to 1) of the weighted torque of ``term`` at ``x`` that columns of ``others`` together can produce."""
-    one, two = evidence.layout([term]), evidence.layout(others)
-    a, b = np.zeros((two.total, two.total)), np.zeros(two.total)
-    energy = 0.0
-    for j, ((p1, c1), (p2, c2)) in enumerate(zip(evidence.indices(one), evidence.indices(two), strict=True)):
-        gram, w = evidence.full_gram[j], evidence.weights[j]
-        if len(p1):
-            energy += w * float(x[p1] @ gram[np.ix_(c1, c1)] @ x[p1])
-        if len(p2):
-            a[np.ix_(p2, p2)] += w * gram[np.ix_(c2, c2)]
-            if len(p1):
-                b[p2] += w * gram[np.ix_(c2, c1)] @ x[p1]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
-    scale[np.diag(a) <= 1e-12] = 0.0
-    y = np.linalg.lstsq(a * scale[:, None] * scale[None, :], b * scale, rcond=1e-12)[0]
-    return float((b * scale) @ y) / energy if energy > 0 else 0.0
+class Likeness:
+    """How much of the weighted torque of ``term`` at coordinates ``x`` others can make."""
+
+    def __init__(self, evidence: Evidence, term: Term, x: Array) -> None:
+        self._evidence = evidence
+        #: Per joint, the products of all columns with that torque.
+        self._products: list[Array | None] = []
+        self._energy = 0.0
+        for j, (position, column) in enumerate(evidence.indices(evidence.layout([term]))):
+            if len(position):
+                own = evidence.weights[j] * evidence.full_gram[j][:, column] @ x[position]
+                self._energy += float(own[column] @ x[position])
+                self._products.append(own)
+            else:
+                self._products.append(None)
+
+    def share(self, *others: Term) -> float:
+        """Share (0 to 1) of the torque that columns of ``others`` together can produce."""
+        evidence = self._evidence
+        layout = evidence.layout(others)
+        a, b = np.zeros((layout.total, layout.total)), np.zeros(layout.total)
+        for j, (position, column) in enumerate(evidence.indices(layout)):
+            if len(position):
+                a[position[:, None], position] += evidence.weights[j] * evidence.full_gram[j][column[:, None], column]
+                if (product := self._products[j]) is not None:
+                    b[position] += product[column]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+        scale[np.diag(a) <= 1e-12] = 0.0
+        y = b * scale
+        if len(y) > 1:
+            y = np.asarray(np.linalg.lstsq(a * scale[:, None] * scale[None, :], y, rcond=1e-12)[0], float)
+        return float((b * scale) @ y) / self._energy if self._energy > 0 else 0.0

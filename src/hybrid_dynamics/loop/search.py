@@ -18,9 +18,8 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_sign
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.evidence import ONLY_RUN, Held
-from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, overlap, pairs
+from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
 from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers, rank, same_place
-from hybrid_dynamics.types import Array
 
 #: An effect that was dropped this often is left alone.
 MOST_DROPS = 2
@@ -188,11 +187,12 @@ def _replace(
     groups: list[tuple[Term, ...]] = [(s,) for s in current]
     if len(current) <= 8:
         groups += [(a, b) for i, a in enumerate(current) for b in current[i + 1 :]]
+    likeness = {s: Likeness(evidence, s, own) for s, own in torque_of.items()}
     best: tuple[float, list[Term]] | None = None
     for group in groups:
         rest = [s for s in current if s not in group]
         price = judge.price(*group)
-        for term in _rivals(judge, group, rest, candidates, torque_of):
+        for term in _rivals(likeness, group, rest, candidates):
             trial = [*rest, term]
             if frozenset(trial) in seen:
                 continue
@@ -212,18 +212,14 @@ def _replace(
 
 
 def _rivals(
-    judge: Judge,
-    group: Sequence[Term],
-    rest: Sequence[Term],
-    candidates: Sequence[Term],
-    torque_of: Mapping[Term, Array],
+    likeness: Mapping[Term, Likeness], group: Sequence[Term], rest: Sequence[Term], candidates: Sequence[Term]
 ) -> list[Term]:
     """Of ``candidates`` those that can make most of the torque of one of ``group``, the likest of each place."""
     likest: dict[tuple[Any, ...], tuple[float, Term]] = {}
     for term in candidates:
         if any(same_place(term, s) for s in (*rest, *group)) or any(covers(s, term) for s in rest):
             continue
-        share = max(overlap(judge.evidence, s, torque_of[s], term) for s in group)
+        share = max(likeness[s].share(term) for s in group)
         if share >= LIKENESS_OF_RIVAL and share > likest.get(term.place, (0.0, term))[0]:
             likest[term.place] = share, term
     order = sorted(likest.values(), key=lambda item: (-item[0], repr(item[1])))
@@ -248,9 +244,10 @@ def _lighter(
         if not term.family().is_body or size <= 2 or ONLY_RUN in dict(term.settings):
             continue
         rest = [s for s in current if s != term]
+        likeness = Likeness(evidence, term, x[start : start + size])
         for pair in pairs(term, free):
             trial = [*rest, *pair]
-            if frozenset(trial) in seen or overlap(evidence, term, x[start : start + size], *pair) < LIKENESS_OF_PAIR:
+            if frozenset(trial) in seen or likeness.share(*pair) < LIKENESS_OF_PAIR:
                 continue
             held = evidence.held(trial, physical=True)
             if judge.as_good(held, before) and (best is None or held.score < best[0]):

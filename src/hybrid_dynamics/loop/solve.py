@@ -9,9 +9,12 @@ RA-L 2018).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import clarabel
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from hybrid_dynamics.effects.inertia import pseudo_inertia_basis
@@ -36,6 +39,16 @@ _TRIANGLE, _INSIDE = _cone_rows()
 
 
 @dataclass(frozen=True)
+class _Stacked:
+    """``rows @ x - limit`` must lie in ``cones``; rows of one ``group`` can only be scaled together."""
+
+    rows: csc_matrix
+    limit: Array
+    group: NDArray[np.int_]
+    cones: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
 class Constraints:
     """``lower`` (K,) bounds; ``bodies``: first index of ten coordinates and the inertia (10,) they are added to.
 
@@ -56,10 +69,32 @@ class Constraints:
         """True where ``x`` meets all of them."""
         if np.any(x < self.lower) or (len(self.least) and np.any(self.rows @ x < self.least)):
             return False
-        return all(
-            np.linalg.eigvalsh(np.einsum("k,kij->ij", offset + x[i : i + 10], _BASIS))[0] > 0
-            for i, offset in self.bodies
-        )
+        if not self.bodies:
+            return True
+        inertias = np.array([offset + x[i : i + 10] for i, offset in self.bodies])
+        return bool(np.all(np.linalg.eigvalsh(np.tensordot(inertias, _BASIS, axes=1)) > 0))
+
+    @cached_property
+    def stacked(self) -> _Stacked:
+        """The same in the solver's form."""
+        total = len(self.lower)
+        bounded = np.flatnonzero(np.isfinite(self.lower))
+        bounds = np.zeros((len(bounded), total))
+        bounds[np.arange(len(bounded)), bounded] = 1.0
+        half_spaces = len(bounded) + len(self.least)
+        blocks, limits = [bounds], [self.lower[bounded]]
+        if len(self.least):
+            blocks.append(self.rows)
+            limits.append(self.least)
+        cones = [clarabel.NonnegativeConeT(half_spaces)] if half_spaces else []
+        for start, offset in self.bodies:
+            body = np.zeros((10, total))
+            body[:, start : start + 10] = _TRIANGLE
+            blocks.append(body)
+            limits.append(_INSIDE - _TRIANGLE @ offset)
+            cones.append(clarabel.PSDTriangleConeT(4))
+        group = np.concatenate([np.arange(half_spaces), half_spaces + np.repeat(np.arange(len(self.bodies)), 10)])
+        return _Stacked(csc_matrix(np.vstack(blocks)), np.concatenate(limits), group, tuple(cones))
 
 
 def solve_free(a: Array, b: Array) -> Array:
@@ -104,6 +139,13 @@ def solve(a: Array, b: Array, constraints: Constraints) -> Array:
     raise RuntimeError(f"the physically consistent fit of {len(b)} coordinates did not converge")
 
 
+def _upper_triangle(a: Array) -> csc_matrix:
+    """What is not zero in the upper triangle of the symmetric ``a``, column by column."""
+    rows, columns = np.nonzero(np.tril(a.T))
+    starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(a)))])
+    return csc_matrix((a[columns, rows], columns, starts), shape=a.shape)
+
+
 def _solve_cones(a: Array, b: Array, constraints: Constraints, farthest: float) -> Array | None:
     """Minimise over y, x = scale * y: unit diagonal, linear term of size one; h - G y must lie in the cones.
 
@@ -116,36 +158,23 @@ def _solve_cones(a: Array, b: Array, constraints: Constraints, farthest: float) 
     far += [np.abs(offset / unit[start : start + 10]) for start, offset in constraints.bodies]
     size = max(float(np.abs(b * unit).max()), farthest * max(float(f.max(initial=0.0)) for f in far), 1e-300)
     scale = unit * size
-    bounds = np.zeros((len(bounded), len(b)))
-    bounds[np.arange(len(bounded)), bounded] = 1.0
-    count = len(bounded) + len(constraints.least)
-    blocks = [(bounds, constraints.lower[bounded])]
-    if len(constraints.least):
-        blocks.append((constraints.rows, constraints.least))
-    cones = [clarabel.NonnegativeConeT(count)] if count else []
-    for start, offset in constraints.bodies:
-        body = np.zeros((10, len(b)))
-        body[:, start : start + 10] = _TRIANGLE
-        blocks.append((body, _INSIDE - _TRIANGLE @ offset))
-        cones.append(clarabel.PSDTriangleConeT(4))
-    left, least = [], []
-    for k, (rows, limit) in enumerate(blocks):
-        scaled = rows * scale
-        # Rows of a half space may be scaled one by one, those of a body only together.
-        length = np.abs(scaled).max(axis=1) if k < len(blocks) - len(constraints.bodies) else np.abs(scaled).max()
-        length = np.where(length > 0, length, 1.0)
-        left.append(-(scaled.T / length).T)
-        least.append(-limit / length)
+    stacked = constraints.stacked
+    rows, group = stacked.rows, stacked.group
+    data = rows.data * np.repeat(scale, np.diff(rows.indptr))
+    # Rows of a half space may be scaled one by one, those of a body only together.
+    length = np.zeros(len(group))
+    np.maximum.at(length, group[rows.indices], np.abs(data))
+    length = np.where(length > 0, length, 1.0)[group]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
     solver = clarabel.DefaultSolver(
-        csc_matrix(np.triu(a * unit[:, None] * unit)),
+        _upper_triangle(a * unit[:, None] * unit),
         -b * unit / size,
-        csc_matrix(np.vstack(left)),
-        np.concatenate(least),
-        cones,
+        csc_matrix((-data / length[rows.indices], rows.indices, rows.indptr), shape=rows.shape),
+        -stacked.limit / length,
+        list(stacked.cones),
         settings,
     )
     try:
