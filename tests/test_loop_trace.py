@@ -33,7 +33,8 @@ class Told:
     n: int = 1
 
     def __post_init__(self) -> None:
-        columns = np.stack(list(self.residuals.values()), axis=2)
+        # The target, the last column, is nothing: residuals are what the columns make.
+        columns = np.stack([*self.residuals.values(), np.zeros((BLOCKS, SAMPLES))], axis=2)
         self.gram = [BlockGrams.of(np.einsum("bti,btj->bij", columns, columns))]
         self.own_sum = [[gram.total() for gram in self.gram]]
         self.fold_parts, self.block_run = [[slice(None)]], np.zeros(BLOCKS, int)
@@ -41,7 +42,7 @@ class Told:
 
     def held(self, terms: Any, physical: bool = False) -> Held:
         place = list(self.residuals).index(frozenset(terms))
-        return Held(cast(Evidence, self), [[np.eye(len(self.residuals))[place]]])
+        return Held(cast(Evidence, self), [(np.array([0]), np.array([place]))], [np.array([-1.0])])
 
     def acts(self, term: Term) -> np.ndarray:
         return np.ones(1, bool)

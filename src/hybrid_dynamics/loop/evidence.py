@@ -56,19 +56,25 @@ class Layout:
 class Held:
     """Held-out prediction of one combination of terms: every fold predicted by a fit on the others.
 
-    ``folds[f][j]`` is the vector v that turns the columns of joint j into the residual of fold f: residual = rows @ v.
-    Scores and block-wise products of residuals follow from the Gram matrices; nothing is predicted sample by sample.
+    ``folds[f]`` are the coordinates that the other folds gave, ``places`` where those stand among the columns of each
+    joint. With the vector v of :meth:`_vector` the residual of a fold is columns @ v, so scores and block-wise products
+    of residuals follow from the Gram matrices; nothing is predicted sample by sample.
     """
 
-    def __init__(self, evidence: Evidence, folds: Sequence[Sequence[Array]]) -> None:
-        self._evidence, self.folds = evidence, folds
+    def __init__(self, evidence: Evidence, places: Sequence[tuple[Indices, Indices]], folds: Sequence[Array]) -> None:
+        self._evidence, self._places, self._folds = evidence, places, folds
+        self.joint_errors = self._errors()
 
-    @cached_property
-    def joint_errors(self) -> Array:
+    def _vector(self, fold: int, joint: int) -> Array:
+        """What turns the columns of ``joint``, its target as the last one, into the residual of ``fold``."""
+        return _residual(self._places[joint], self._folds[fold], self._evidence.gram[joint].size)
+
+    def _errors(self) -> Array:
         """(n,) squared held-out residual sums [N m]^2."""
         out = np.zeros(self._evidence.n)
-        for vectors, grams in zip(self.folds, self._evidence.own_sum, strict=True):
-            for j, (v, gram) in enumerate(zip(vectors, grams, strict=True)):
+        for f, grams in enumerate(self._evidence.own_sum):
+            for j, gram in enumerate(grams):
+                v = self._vector(f, j)
                 out[j] += max(float(v @ gram @ v), 0.0)
         return out
 
@@ -84,10 +90,19 @@ class Held:
         out = np.empty((len(evidence.block_run), evidence.n))
         for f, parts in enumerate(evidence.fold_parts):
             for j, gram in enumerate(evidence.gram):
-                own, change = self.folds[f][j], old.folds[f][j] - new.folds[f][j]
+                own, change = self._vector(f, j), old._vector(f, j) - new._vector(f, j)
                 for part in parts:
                     out[part, j] = gram.forms(own, change, part)
         return out
+
+
+def _residual(place: tuple[Indices, Indices], x: Array, size: int) -> Array:
+    """Vector (size,) that turns the columns of a joint, the target as the last, into what coordinates ``x`` leave."""
+    position, column = place
+    # Two terms may share a column: what they ask of it adds up.
+    v = -np.bincount(column, x[position], minlength=size).astype(float)
+    v[-1] = 1.0
+    return v
 
 
 def _slices(index: Indices) -> list[slice]:
@@ -523,7 +538,7 @@ class Evidence:
     def errors(self, terms: Sequence[Term], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:
         """Squared residual sums (blocks, n) [N m]^2 of coordinates ``x``."""
         chosen = slice(None) if blocks is None else blocks
-        vectors = self._residual_vectors(self.indices(self.layout(terms)), x)
+        vectors = [_residual(p, x, g.size) for p, g in zip(self.indices(self.layout(terms)), self.gram, strict=True)]
         forms = [gram.forms(v, v, chosen) for gram, v in zip(self.gram, vectors, strict=True)]
         return np.maximum(np.column_stack(forms), 0.0)
 
@@ -532,23 +547,14 @@ class Evidence:
         key = frozenset(terms), physical
         if key not in self._cache:
             layout = self.layout(sorted(key[0], key=term_order))
-            indices, constraints = self.indices(layout), self.constraints(layout)
-            folds = []
+            constraints = self.constraints(layout)
             a, b = self._normals(layout, self.fold_gram)
-            for f in range(self.folds):
-                x = self._solved(layout, a[f], b[f], constraints, physical) if layout.total else np.zeros(0)
-                folds.append(self._residual_vectors(indices, x))
-            self._cache[key] = Held(self, folds)
+            folds = [
+                self._solved(layout, a[f], b[f], constraints, physical) if layout.total else np.zeros(0)
+                for f in range(self.folds)
+            ]
+            self._cache[key] = Held(self, self.indices(layout), folds)
         return self._cache[key]
-
-    def _residual_vectors(self, indices: list[tuple[Indices, Indices]], x: Array) -> list[Array]:
-        out: list[Array] = []
-        for j, (position, column) in enumerate(indices):
-            # Two terms may share a column: what they ask of it adds up.
-            v = -np.bincount(column, x[position], minlength=self.gram[j].size).astype(float)
-            v[-1] = 1.0
-            out.append(v)
-        return out
 
     def constrained(self, terms: Sequence[Term]) -> bool:
         """True where the fit of ``terms`` under bounds alone asks for a body or a friction that cannot exist."""
