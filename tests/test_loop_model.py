@@ -2,11 +2,13 @@
 
 import json
 
+import jsonschema
 import pytest
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.loop import LoopSettings, Model, load_model, save_model
+from hybrid_dynamics.loop.model import check_schema, load_schema
 from hybrid_dynamics.robots import Robot, find_description
 
 
@@ -63,3 +65,11 @@ def test_unknown_joint_of_an_effect_is_refused_by_file_name(robot, path):
 def test_an_effect_named_twice_is_refused():
     with pytest.raises(ConfigError, match="name each only once"):
         LoopSettings(effects=("payload", "payload"))
+
+
+@pytest.mark.parametrize("name", ["model", "diagnosis"])
+def test_the_schemas_that_results_are_checked_against_are_schemas(name):
+    schema = load_schema(name)
+    jsonschema.validators.validator_for(schema).check_schema(schema)
+    with pytest.raises(jsonschema.ValidationError):
+        check_schema({}, name)

@@ -17,7 +17,7 @@ from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.model import Model, effect_from_json, effect_to_json, load_schema
+from hybrid_dynamics.loop.model import Model, check_schema, effect_from_json, effect_to_json
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.metrics import torque_errors
 from hybrid_dynamics.types import Array
@@ -254,7 +254,7 @@ def verdict_of(named: bool, explained: NDArray[np.bool_]) -> str:
 
 def validate_diagnosis(value: Mapping[str, Any]) -> None:
     """Raise ``jsonschema.ValidationError`` where ``value`` breaks the contract."""
-    jsonschema.validate(value, load_schema("diagnosis"))
+    check_schema(value, "diagnosis")
 
 
 def write_diagnosis(path: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
