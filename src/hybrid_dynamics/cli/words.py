@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hybrid_dynamics.cli.parameter_words import place, settings_words, several_words, single_words
-from hybrid_dynamics.loop_report.words import VERDICTS, confirmed, final_errors, state_of, title_of, with_error
+from hybrid_dynamics.loop_report.parameter_words import place, settings_words, several_words, single_words
+from hybrid_dynamics.loop_report.words import VERDICTS, confirmed, final_errors, left_open, state_of, title_of, value_of
 
 Entry = Mapping[str, Any]
 #: Kinds of effects whose values stand in the headline; of further ones the names.
@@ -147,11 +147,10 @@ def parameter_lines(diagnosis: Mapping[str, Any]) -> list[str]:
     """Every effect with its parameters, standard errors and settings."""
     out = []
     for entry in diagnosis["effects"]:
-        open_names = entry.get("undetermined_parameters", ())
         bodies: dict[str | None, list[str]] = {}
         for p in entry["parameters"]:
-            words = f"{title_of(p['name'])} {with_error(p['value'], p.get('std_error'), p['unit'])}"
-            bodies.setdefault(p.get("joint"), []).append(words + (" (left open)" if p["name"] in open_names else ""))
+            words = f"{title_of(p['name'])} {value_of(entry, p)}{' (left open)' if left_open(entry, p) else ''}"
+            bodies.setdefault(p.get("joint"), []).append(words)
         mark = "" if confirmed(entry) else " (contradicted, not in the model)"
         own = [*(next(iter(bodies.values())) if len(bodies) == 1 else []), *settings_words(entry, placed=True)]
         out.append(f"{place(entry)}: {', '.join(own)}{mark}" if own else f"{place(entry)}{mark}")

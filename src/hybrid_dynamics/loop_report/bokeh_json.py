@@ -1,6 +1,7 @@
 """Bokeh's own JSON of a figure, with blanks that a page fills from data.
 
-A blank is the text ``@@name``: alone in a list it stands for a column of numbers, anywhere else for a text.
+A blank is the text ``@@name``: alone in a list it stands for a column of numbers, anywhere else for a text. A range of
+an axis bears its blank as a tag.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ MARK = "@@"
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure of ``kind`` (a template) and what fills its blanks: texts and columns of numbers."""
+    """A figure of ``kind`` (a template) and what fills its blanks: texts, columns of numbers, and ranges of an axis."""
 
     kind: str
-    values: Mapping[str, str | NDArray[np.float64]]
+    values: Mapping[str, str | tuple[float, float] | NDArray[np.float64]]
 
     def to_json(self) -> dict[str, Any]:
         """Texts as they are; numbers as Bokeh takes them, four bytes each: finer than a screen, half the page."""
         return {
             "kind": self.kind,
-            "values": {name: own if isinstance(own, str) else _column(own) for name, own in self.values.items()},
+            "values": {name: _column(own) if isinstance(own, np.ndarray) else own for name, own in self.values.items()},
         }
 
 

@@ -103,12 +103,14 @@ class Candidate:
 
 @dataclass(frozen=True)
 class SearchStep:
-    """One step of the search: ``action`` (add, drop, replace, stop), on what, and the candidates ranked for it."""
+    """One step of the search: ``action`` (start, add, drop, replace, stop), on what, the candidates ranked for it, and
+    what a replacement took out, in words."""
 
     action: str
     effect: str
     joint: str
     candidates: tuple[Candidate, ...] = ()
+    replaced: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

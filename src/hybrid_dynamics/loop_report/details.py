@@ -8,7 +8,7 @@ from typing import Any
 
 from hybrid_dynamics.loop_report import plots, words
 from hybrid_dynamics.loop_report.book import FigureBook
-from hybrid_dynamics.loop_report.content import KINDS
+from hybrid_dynamics.loop_report.content import AXES, KINDS, SearchStep
 from hybrid_dynamics.loop_report.sections import LEFT, Answer, Effects, LoopSection, range_of
 
 #: Points of a curve on a page over many loops.
@@ -48,7 +48,8 @@ class Evidence(LoopSection):
                     "anchor": self.group_anchor(group),
                     "title": f"{group.where or 'Whole robot'}: {KINDS[group.kind].lower()}",
                     "effects": [
-                        {"anchor": "#" + self.effect_anchor(e), "title": words.title_of(e["effect"])} for e in kept
+                        {"anchor": "#" + self.effect_anchor(e), "title": words.capital(words.title_of(e["effect"]))}
+                        for e in kept
                     ],
                     "figures": figures,
                 }
@@ -110,15 +111,16 @@ class Left(LoopSection):
             "unexplained": [
                 {
                     "joint": u["joint"],
-                    "share": words.share(u["share_of_residual_variance"]),
+                    "share": _how_much(d, u),
                     "state": words.state_of(d, list(d["joints"]).index(u["joint"]))[1],
-                    "expression": u["expression"],
+                    "expression": "" if u["expression"] == "0" else u["expression"],
                 }
                 for u in d["unexplained"]
             ],
             "outside": [
                 {
-                    **o,
+                    "joint": o["joint"],
+                    "variable": AXES.get(o["variable"], f"{o['variable']} [{words.unit_of(o['unit'])}]"),
                     "train_text": " to ".join(words.number(v, 3) for v in o["train"]),
                     "test_text": " to ".join(words.number(v, 3) for v in o["test"]),
                     "share": words.share(o["share_outside"]),
@@ -138,7 +140,7 @@ class Errors(LoopSection):
 
     def values(self, book: FigureBook) -> dict[str, Any]:
         d = self.diagnosis
-        confirmed = "after_confirmed" in d["error"]["test"]
+        refused = any(not words.confirmed(e) for e in d["effects"])
         tables = []
         for of, split, caption in (
             ("error", "test", "Held-out runs, all samples"),
@@ -158,7 +160,7 @@ class Errors(LoopSection):
             for floor in (d["noise_floor"],)
             for j, name in enumerate(d["joints"])
         ]
-        return {"tables": tables, "confirmed": confirmed, "diagnostics": diagnostics, "two": "learnable_share" in d}
+        return {"tables": tables, "refused": refused, "diagnostics": diagnostics, "two": "learnable_share" in d}
 
 
 def _error_rows(d: Mapping[str, Any], of: str, split: str) -> list[dict[str, str]]:
@@ -195,14 +197,43 @@ class Search(LoopSection):
     def values(self, book: FigureBook) -> dict[str, Any]:
         return {
             "steps": [
-                {
-                    "title": f"{number}. {step.action} {words.title_of(step.effect)}".rstrip()
-                    + (f" ({step.joint})" if step.joint else ""),
-                    "candidates": step.candidates,
-                }
-                for number, step in enumerate(self.content.steps, 1)
+                {"title": f"{_numbers(first, len(own))}. {_title(own)}", "candidates": own[0].candidates}
+                for first, own in _together(self.content.steps)
             ]
         }
+
+
+def _together(steps: Sequence[SearchStep]) -> list[tuple[int, list[SearchStep]]]:
+    """The number of the first step and the steps of every line: what was dropped one after the other is one line."""
+    out: list[tuple[int, list[SearchStep]]] = []
+    for number, step in enumerate(steps, 1):
+        if out and step.action == "drop" and out[-1][1][0].action == "drop" and not step.candidates:
+            out[-1][1].append(step)
+        else:
+            out.append((number, [step]))
+    return out
+
+
+def _numbers(first: int, count: int) -> str:
+    return f"{first}" if count == 1 else f"{first} to {first + count - 1}"
+
+
+def _title(steps: Sequence[SearchStep]) -> str:
+    step = steps[0]
+    if step.action == "start":
+        return "start again from everything that the runs can carry, to prune it"
+    if step.action == "stop":
+        return "stop: nothing more is worth adding"
+    if step.action == "replace":
+        return f"replace {' and '.join(step.replaced)} by {words.placed(step.effect, step.joint)}"
+    return f"{step.action} {', '.join(words.placed(own.effect, own.joint) for own in steps)}"
+
+
+def _how_much(d: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
+    """Which share of what is left the state of the joint is about."""
+    size = words.share(entry["share_of_residual_variance"])
+    kind = words.state_of(d, list(d["joints"]).index(entry["joint"]))[1]
+    return {words.ALARM: f"{size} can be learned from the motion", words.SLOW: f"{size} changes slowly"}.get(kind, size)
 
 
 class Reproduce(LoopSection):

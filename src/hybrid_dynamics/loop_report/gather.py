@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.loop.close import LoopResult
-from hybrid_dynamics.loop.diagnosis import predict_run
+from hybrid_dynamics.loop.diagnosis import predict_run, rounded
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop_report.content import KINDS, Candidate, Content, Curve, Group, SearchStep, Trace
+from hybrid_dynamics.loop_report.words import placed
 from hybrid_dynamics.types import Array
 
 #: Points of a curve and of a torque plot, held-out runs whose torque is drawn, joints drawn for a whole-robot effect.
@@ -30,7 +33,15 @@ def kind_of(name: str) -> str:
         return "rotor"
     if known.changes_body or known.is_body:
         return "body"
+    if name.endswith("friction"):
+        # Also where it follows the travel since the last reversal: friction is looked for under friction.
+        return "friction"
     return {"dq": "friction", "load": "friction", "q": "position", "time": "offset"}.get(known.drawn_against, "other")
+
+
+def run_title(name: str) -> str:
+    """The run as people know it: files of either split are kept apart as ``train:`` and ``test:`` inside alone."""
+    return name.removeprefix("train:").removeprefix("test:")
 
 
 def gather(result: LoopResult, provenance: str = "") -> Content:
@@ -39,8 +50,8 @@ def gather(result: LoopResult, provenance: str = "") -> Content:
     names = result.model.robot.joint_names
     return Content(
         diagnosis=diagnosis,
-        train_runs=tuple(run.name for run in result.train),
-        test_runs=tuple(run.name for run in result.test),
+        train_runs=tuple(run_title(run.name) for run in result.train),
+        test_runs=tuple(run_title(run.name) for run in result.test),
         groups=tuple(_groups(result, diagnosis)),
         traces=tuple(_traces(result)),
         steps=tuple(_steps(result, names)),
@@ -82,7 +93,8 @@ def _groups(result: LoopResult, diagnosis: dict[str, Any]) -> list[Group]:
 
 
 def _key(effect: str, joints: Sequence[str], settings: Any) -> tuple[str, tuple[str, ...], str]:
-    return effect, tuple(joints), repr(sorted(dict(settings).items()))
+    # The diagnosis went through JSON, where tuples become lists and numbers are rounded.
+    return effect, tuple(joints), json.dumps(rounded(json.loads(json.dumps(dict(settings)))), sort_keys=True)
 
 
 def _without(model: Model, effects: Sequence[Effect]) -> Model:
@@ -151,13 +163,14 @@ def _traces(result: LoopResult) -> list[Trace]:
         time = _numbers((run.time - run.time[0])[thin])
         for j, name in enumerate(names):
             shown = (_numbers(values[thin, j]) for values in (run.tau, before, after))
-            out.append(Trace(run.name, name, time, *shown))
+            out.append(Trace(run_title(run.name), name, time, *shown))
     return out
 
 
 def _steps(result: LoopResult, names: Sequence[str]) -> list[SearchStep]:
     """The search as it went; a candidate counts as added only where this step added it."""
-    out = []
+    out: list[SearchStep] = []
+    before: tuple[Term, ...] = ()
     for step in result.steps:
         candidates = tuple(
             Candidate(
@@ -172,9 +185,24 @@ def _steps(result: LoopResult, names: Sequence[str]) -> list[SearchStep]:
             )
             for c in step.table
         )
-        place = "" if step.term is None or step.term.joint is None else names[step.term.joint]
-        out.append(SearchStep(step.action, "" if step.term is None else step.term.effect, place, candidates))
+        put, out_of = _swapped(before, step)
+        replaced = tuple(placed(*_on(term, names)) for term in out_of)
+        out.append(SearchStep(step.action, *_on(put or step.term, names), candidates, replaced))
+        before = step.terms
     return out
+
+
+def _on(term: Term | None, names: Sequence[str]) -> tuple[str, str]:
+    """Effect and joint, as text."""
+    return ("", "") if term is None else (term.effect, "" if term.joint is None else names[term.joint])
+
+
+def _swapped(before: Sequence[Term], step: Step) -> tuple[Term | None, tuple[Term, ...]]:
+    """What a replacement put into the model and what it took out; nothing for other steps."""
+    if step.action != "replace":
+        return None, ()
+    new = [term for term in step.terms if term not in before]
+    return (new[0] if new else None), tuple(term for term in before if term not in step.terms)
 
 
 def _shown(value: Any) -> str:

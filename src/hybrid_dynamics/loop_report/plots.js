@@ -7,7 +7,7 @@
   function colours() {
     const style = getComputedStyle(document.documentElement);
     const of = (name) => style.getPropertyValue(name).trim();
-    return { ink: of("--ink"), muted: of("--muted"), line: of("--line"), paper: of("--paper") };
+    return { ink: of("--ink"), muted: of("--muted"), line: of("--line"), paper: of("--paper"), after: of("--after") };
   }
 
   function paint(model, c) {
@@ -31,6 +31,7 @@
         model.background_fill_alpha = 0.8;
         break;
     }
+    if (model.tags && model.tags.includes("after")) model.line_color = c.after;
     // Measured torque and what is missing are drawn in the page's ink.
     if (model.tags && model.tags.includes("ink")) {
       for (const name of ["line_color", "fill_color"]) if (name in model.attributes) model[name] = c.ink;
@@ -49,6 +50,10 @@
     return JSON.parse(JSON.stringify(templates[kind]), (key, item) => {
       if (blank(item)) return key === "0" && typeof values[item.slice(2)] === "object" ? item : values[item.slice(2)];
       if (Array.isArray(item) && item.length === 1 && blank(item[0])) return values[item[0].slice(2)];
+      if (item && item.name === "Range1d" && Array.isArray(item.attributes.tags)) {
+        const [start, end] = item.attributes.tags;
+        item.attributes = { start, end };
+      }
       return item;
     });
   }

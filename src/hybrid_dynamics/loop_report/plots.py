@@ -23,6 +23,8 @@ RUN_MARKERS = ("circle", "square", "triangle", "diamond", "inverted_triangle", "
 BINS = 60
 #: The band of noise in noise floors to either side: 19 of 20 samples where the noise is normal.
 BAND_FLOORS = 2.0
+#: Share of the points that may lie beyond the picture at either side.
+BEYOND = 0.01
 CURVE_HEIGHT, TORQUE_HEIGHT, STRIP_HEIGHT = 300, 230, 120
 
 
@@ -54,6 +56,13 @@ def _figure(title: str, x: str, y: str, height: int, **options: Any) -> Any:
     assert isinstance(made.title, Title)
     made.title.text_font_size = "13px"
     return made
+
+
+def _blank_range() -> Any:
+    """A range that the page sets: Bokeh takes no text for its ends."""
+    from bokeh.models import Range1d
+
+    return Range1d(0.0, 1.0, tags=[blank("range")])
 
 
 def _hover(made: Any, renderers: list[Any], tips: list[tuple[str, str]]) -> None:
@@ -102,7 +111,9 @@ def curve_figure(curve: Curve, runs: tuple[str, ...], title: str) -> Drawing:
     """What is missing without the group (points, one colour and shape a run), its law (line), and the noise (band)."""
     x, mean, low, high = law_of(curve)
     noise = BAND_FLOORS * curve.noise
+    shown = _range(np.array(curve.missing), float((low - noise).min()), float((high + noise).max()))
     values: dict[str, Any] = {
+        "range": shown,
         "title": title,
         "axis": AXES[curve.axis],
         "law_x": x,
@@ -115,15 +126,25 @@ def curve_figure(curve: Curve, runs: tuple[str, ...], title: str) -> Drawing:
         mine = owner == k
         own = {"x": curve.x, "missing": curve.missing, "added": curve.added}
         values |= {f"{name}{k}": np.array(part)[mine] for name, part in own.items()}
-        values |= {f"run{k}": runs[k], f"label{k}": f"run {runs[k]}"}
+        outside = int(np.sum((values[f"missing{k}"] < shown[0]) | (values[f"missing{k}"] > shown[1])))
+        beyond = f" ({outside} of {mine.sum()} points beyond the picture)" if outside else ""
+        values |= {f"run{k}": runs[k], f"label{k}": f"run {runs[k]}{beyond}"}
     return Drawing(f"curve{len(runs)}", values)
+
+
+def _range(values: Array, low: float, high: float) -> tuple[float, float]:
+    """Least and largest of the axis: ``low`` to ``high`` and nearly all ``values``. A knock would flatten the rest."""
+    low = min(low, float(np.quantile(values, BEYOND)))
+    high = max(high, float(np.quantile(values, 1 - BEYOND)))
+    margin = 0.05 * max(high - low, 1e-12)
+    return low - margin, high + margin
 
 
 @cache
 def _curve_template(runs: int) -> dict[str, Any]:
     from bokeh.models import ColumnDataSource
 
-    made = _figure(blank("title"), blank("axis"), "torque [N m]", CURVE_HEIGHT)
+    made = _figure(blank("title"), blank("axis"), "torque [N m]", CURVE_HEIGHT, y_range=_blank_range())
     band = ColumnDataSource({"x": [blank("law_x")], "low": [blank("low")], "high": [blank("high")]})
     made.varea("x", "low", "high", source=band, fill_color=BAND, fill_alpha=0.3, legend_label="law ± noise")
     points = []
@@ -137,14 +158,15 @@ def _curve_template(runs: int) -> dict[str, Any]:
                 size=4,
                 marker=RUN_MARKERS[k % len(RUN_MARKERS)],
                 color=RUN_COLOURS[k % len(RUN_COLOURS)],
-                alpha=0.55,
+                alpha=0.7,
                 line_alpha=0.0,
                 legend_label=blank(f"label{k}"),
                 name=blank(f"run{k}"),
             )
         )
     law = ColumnDataSource({"x": [blank("law_x")], "y": [blank("law")]})
-    made.line("x", "y", source=law, color=AFTER, line_width=2.5, legend_label="law that was added")
+    line = made.line("x", "y", source=law, color=AFTER, line_width=2.5, legend_label="law that was added")
+    line.glyph.tags = ["after"]
     tips = [("run", "$name"), ("at", "@x{0.000}"), ("missing [N m]", "@missing"), ("added [N m]", "@added")]
     _hover(made, points, tips)
     _legend(made)
@@ -154,6 +176,7 @@ def _curve_template(runs: int) -> dict[str, Any]:
 def torque_figure(trace: Trace, noise: float) -> Drawing:
     """Measured torque and both models above; below, on the same time axis, what is left, with the band of noise."""
     time, measured = np.array(trace.time), np.array(trace.measured)
+    left, band = measured - np.array(trace.after), BAND_FLOORS * noise
     return Drawing(
         "torque",
         {
@@ -162,10 +185,11 @@ def torque_figure(trace: Trace, noise: float) -> Drawing:
             "measured": measured,
             "before": np.array(trace.before),
             "after": np.array(trace.after),
-            "left": measured - np.array(trace.after),
+            "left": left,
+            "range": _range(left, -1.2 * band, 1.2 * band),
             "ends": time[[0, -1]],
-            "low": np.full(2, -BAND_FLOORS * noise),
-            "high": np.full(2, BAND_FLOORS * noise),
+            "low": np.full(2, -band),
+            "high": np.full(2, band),
         },
     )
 
@@ -180,19 +204,23 @@ def _torque_template() -> dict[str, Any]:
     upper = _figure(blank("title"), "", "torque [N m]", TORQUE_HEIGHT)
     dashed = {"line_dash": [5, 3], "line_width": 1.2}
     upper.line("time", "before", source=source, color=BEFORE, legend_label="model before", **dashed)
-    upper.line("time", "after", source=source, color=AFTER, line_width=3.0, alpha=0.75, legend_label="model after")
+    after = upper.line(
+        "time", "after", source=source, color=AFTER, line_width=3.0, alpha=0.75, legend_label="model after"
+    )
+    after.glyph.tags = ["after"]
     shown = upper.line("time", "measured", source=source, line_width=1.0, legend_label="measured")
     shown.glyph.tags = ["ink"]
     tips = [("time [s]", "@time{0.00}"), ("measured [N m]", "@measured"), ("before", "@before"), ("after", "@after")]
     _hover(upper, [shown], tips)
     upper.xaxis.visible = False
     _legend(upper)
-    strip = _figure("", "time [s]", "left [N m]", STRIP_HEIGHT, x_range=upper.x_range)
+    strip = _figure("", "time [s]", "left [N m]", STRIP_HEIGHT, x_range=upper.x_range, y_range=_blank_range())
     strip.title.visible = False
     strip.toolbar_location = None
     edges = ColumnDataSource({"x": [blank("ends")], "low": [blank("low")], "high": [blank("high")]})
     strip.varea("x", "low", "high", source=edges, fill_color=BAND, fill_alpha=0.3)
-    strip.line("time", "left", source=source, color=AFTER, line_width=1.0)
+    left = strip.line("time", "left", source=source, color=AFTER, line_width=1.0)
+    left.glyph.tags = ["after"]
     return plain(column(upper, strip, sizing_mode="stretch_width"))
 
 

@@ -15,6 +15,7 @@ from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import KINDS, Content, Group
 from hybrid_dynamics.loop_report.html import slug
+from hybrid_dynamics.loop_report.parameter_words import missing, settings_words
 
 #: Anchor of the section on what stays open, which the first screen links.
 LEFT = "left"
@@ -81,7 +82,7 @@ class Answer(LoopSection):
         return {
             "verdict": d["verdict"],
             "headline": words.VERDICTS[d["verdict"]],
-            "missing": [words.capital(line) for line in words.missing(d)],
+            "missing": missing(d),
             "link": "#" + self.prefix + Effects.name if d["effects"] else "",
             "gains": words.gains(d),
             "certainty": words.certainty(d),
@@ -109,8 +110,8 @@ def bars(d: Mapping[str, Any]) -> list[dict[str, Any]]:
                 "after": 100 * after[j] / full,
                 "low": 100 * low[j] / full,
                 "span": max(100 * (high[j] - low[j]) / full, 0.0),
-                "before_text": words.number(before[j], 3),
-                "after_text": words.number(after[j], 3),
+                "before_text": words.padded(before[j]),
+                "after_text": words.padded(after[j]),
                 "floor_text": range_of(low[j], high[j]),
                 "state": state,
                 "kind": kind,
@@ -174,16 +175,17 @@ class Effects(LoopSection):
                     "anchor": self.effect_anchor(entry),
                     "effect": entry["effect"],
                     "title": words.capital(words.title_of(entry["effect"])),
+                    "first": [] if len({p["joint"] for p in entry["parameters"]}) > 1 else shown[:1],
                     "body": len(shown) > 4,
+                    "open": sum(bool(p["left_open"]) for p in shown),
                     "parameters": shown,
-                    "settings": ", ".join(f"{key} {_plain(value)}" for key, value in entry["settings"].items()),
+                    "settings": ", ".join(settings_words(entry, placed=True)),
                     "width": 100 * group.contribution[place] / largest,
                     "adds": words.number(group.contribution[place], 3),
                     "adds_on": group.contribution_joint[place]
                     if group.contribution_joint[place] != group.where
                     else "",
-                    "confirmed": words.confirmed(entry),
-                    "asked": "confirmed" in entry,
+                    "standing": words.standing(entry) if "confirmed" in entry else "",
                     "change": _change(entry),
                     "why_not": entry.get("why_not", ""),
                     "alike": [_alike(other) for other in entry["indistinguishable_from"]],
@@ -199,12 +201,13 @@ class Effects(LoopSection):
 
 
 def _parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
-    open_ = entry.get("undetermined_parameters", [])
+    joints = {p["joint"] for p in entry["parameters"]}
     return [
         {
-            "name": p["name"],
-            "value": words.with_error(p["value"], p["std_error"], p["unit"]),
-            "left_open": "left open by the data" if p["name"] in open_ else "",
+            "key": p["name"],
+            "name": words.title_of(p["name"]) + (f" of {p['joint']}" if len(joints) > 1 else ""),
+            "value": words.value_of(entry, p),
+            "left_open": "left open by the runs" if words.left_open(entry, p) else "",
         }
         for p in entry["parameters"]
     ]
@@ -227,8 +230,4 @@ def _alike(other: Mapping[str, Any]) -> dict[str, str]:
 
 def _inconsistent(item: Mapping[str, Any]) -> str:
     runs = "; ".join(f"{r['run']}: {words.with_error(r['value'], r['std_error'], item['unit'])}" for r in item["runs"])
-    return f"{item['parameter']} differs between runs: {runs}"
-
-
-def _plain(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{words.capital(words.title_of(item['parameter']))} differs between runs: {runs}"

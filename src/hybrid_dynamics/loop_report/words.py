@@ -17,6 +17,10 @@ VERDICTS = {
     "unexplained": "Something is missing that no effect of the catalogue explains; nothing was added.",
     "nothing_missing": "Nothing is missing: what the model leaves does not depend on the motion.",
 }
+#: What is left on a joint whose alarm is on, and on one that leaves it open.
+ALARM, SLOW = "still depends on the motion", "cannot be told from slow noise"
+#: Standard errors beyond which a change is more than chance.
+SURE = 2.0
 #: Names that are people's.
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
 #: Parameters in proportion to which the drive gains enter: a mass is known no better than the torque is calibrated.
@@ -30,6 +34,11 @@ GAIN_CAVEAT = (
 def number(value: float | None, digits: int = 4) -> str:
     """``value`` with ``digits`` significant digits, – where there is none."""
     return "–" if value is None else f"{value:.{digits}g}"
+
+
+def padded(value: float, digits: int = 3) -> str:
+    """``value`` with ``digits`` significant digits, zeros at the end too, so that numbers below one another compare."""
+    return f"{value:#.{digits}g}".rstrip(".")
 
 
 def share(value: float | None, digits: int = 2) -> str:
@@ -81,9 +90,34 @@ def place_of(entry: Mapping[str, Any]) -> str:
     return ", ".join(entry["joints"]) or "whole robot"
 
 
+def placed(effect: str, joint: str) -> str:
+    """An effect and its joint, where it has one."""
+    return title_of(effect) + (f" ({joint})" if joint else "")
+
+
 def confirmed(entry: Mapping[str, Any]) -> bool:
     """False only where test runs contradict the name (schema 1 did not ask them)."""
     return bool(entry.get("confirmed", True))
+
+
+def standing(entry: Mapping[str, Any]) -> str:
+    """What the held-out runs say of a name: ``confirmed``, ``undecided`` (no more than chance) or ``contradicted``."""
+    if not confirmed(entry):
+        return "contradicted"
+    change = entry.get("test_change")
+    if change is None:
+        return "confirmed"
+    return "confirmed" if change["value"] < -SURE * change["std_error"] else "undecided"
+
+
+def left_open(entry: Mapping[str, Any], p: Mapping[str, Any]) -> bool:
+    """Whether parameter ``p`` of ``entry`` is not determined by the runs: its number is the starting model's."""
+    return bool({p["name"], f"{p['joint']}/{p['name']}"} & set(entry.get("undetermined_parameters") or ()))
+
+
+def value_of(entry: Mapping[str, Any], p: Mapping[str, Any]) -> str:
+    """The value with its standard error; without one where the runs leave it open."""
+    return with_error(p["value"], None if left_open(entry, p) else p["std_error"], p["unit"])
 
 
 def final_errors(d: Diagnosis, split: str = "test", of: str = "error") -> Mapping[str, Any]:
@@ -99,36 +133,6 @@ def where(names: Sequence[str], joints: Sequence[str]) -> str:
     shown = [n for n in joints if n in names]
     listed = ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1]
     return listed if len(shown) <= 3 else f"{len(shown)} of {len(joints)} joints"
-
-
-def missing(d: Diagnosis) -> list[str]:
-    """One phrase a kind of effect: what, where, how much."""
-    groups: dict[str, list[Mapping[str, Any]]] = {}
-    for entry in d["effects"]:
-        if confirmed(entry):
-            groups.setdefault(entry["effect"], []).append(entry)
-    out = []
-    for effect, entries in groups.items():
-        joints = [entry["joints"][0] for entry in entries if entry["joints"]]
-        phrase = title_of(effect) + (f" on {where(joints, d['joints'])}" if joints else "")
-        first = [entry["parameters"][0] for entry in entries if entry["parameters"]]
-        many_numbers = any(len(entry["parameters"]) > 4 for entry in entries)
-        if len(first) == 1:
-            own = first[0]
-            phrase += f": {_words(own['name'])} {with_error(own['value'], own['std_error'], own['unit'])}"
-            if own["name"] in entries[0].get("undetermined_parameters", []):
-                phrase += " (left open by these runs)"
-        elif first and not many_numbers:
-            low, high = min(p["value"] for p in first), max(p["value"] for p in first)
-            phrase += f": {_words(first[0]['name'])} {number(low, 3)} to {number(high, 3)}{_tail(first[0]['unit'])}"
-        out.append(phrase)
-    return out
-
-
-def _words(name: str) -> str:
-    """``panda_link1/mass`` as "mass of panda_link1"."""
-    body, _, own = name.rpartition("/")
-    return own.replace("_", " ") + (f" of {body}" if body else "")
 
 
 def gains(d: Diagnosis) -> str:
@@ -152,14 +156,7 @@ def certainty(d: Diagnosis) -> list[str]:
     """How sure the names are."""
     out = []
     effects = d["effects"]
-    asked = [e for e in effects if "confirmed" in e]
-    good = [e for e in asked if e["confirmed"]]
-    if asked:
-        text = f"{len(good)} of {len(asked)} names stand up to the held-out runs"
-        if len(good) < len(asked):
-            against = "; ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in asked if not e["confirmed"])
-            text += f"; contradicted, and not in the model: {against}"
-        out.append(text + ".")
+    out += _asked([e for e in effects if "confirmed" in e])
     alike = [e for e in effects if confirmed(e) and e["indistinguishable_from"]]
     if alike:
         pairs = "; ".join(
@@ -183,6 +180,24 @@ def certainty(d: Diagnosis) -> list[str]:
     if not out:
         out.append("No name was needed." if not effects else "Every name was chosen on runs held out of its own fit.")
     return out
+
+
+def _asked(asked: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What the held-out runs say of the names: better with them, no matter, better without."""
+    if not asked:
+        return []
+    said = {kind: [e for e in asked if standing(e) == kind] for kind in ("confirmed", "undecided", "contradicted")}
+    better = f"{len(said['confirmed'])} of {len(asked)} names"
+    text = f"{better} are confirmed: with them the held-out runs are predicted better"
+    if said["undecided"]:
+        text += f"; on {_listed(said['undecided'])} they do not decide"
+    if said["contradicted"]:
+        text += f"; contradicted, and not in the model: {_listed(said['contradicted'])}"
+    return [text + "."]
+
+
+def _listed(entries: Sequence[Mapping[str, Any]]) -> str:
+    return "; ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in entries)
 
 
 def _alternative(alternative: Mapping[str, Any]) -> str:
@@ -214,9 +229,9 @@ def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
     if name in {entry["joint"] for entry in d.get("not_identifiable", [])}:
         return "unseen", "never moves"
     if _flags(d, "motion_dependent")[joint]:
-        return "open", "still depends on the motion"
+        return "open", ALARM
     if _flags(d, "cannot_tell")[joint]:
-        return "open", "cannot be told from slow noise"
+        return "open", SLOW
     if "motion_dependent" not in d and name in {entry["joint"] for entry in d["unexplained"]}:
         return "open", "something is left"
     return "good", "down to the noise"

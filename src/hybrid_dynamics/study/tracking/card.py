@@ -7,20 +7,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hybrid_dynamics.loop.diagnosis import Diagnosis
+from hybrid_dynamics.loop_report.parameter_words import missing
 from hybrid_dynamics.loop_report.words import (
     VERDICTS,
     capital,
     certainty,
     final_errors,
     gains,
-    missing,
+    left_open,
     number,
     place_of,
     share,
     state_of,
     still_open,
     title_of,
-    with_error,
+    value_of,
 )
 from hybrid_dynamics.study.tracking.inputs import InputRecord
 
@@ -42,7 +43,7 @@ def model_card(
         "",
         f"**{capital(diagnosis.verdict.replace('_', ' '))}.** {VERDICTS[diagnosis.verdict]}",
         "",
-        *(f"- {capital(phrase)}" for phrase in missing(d)),
+        *(f"- {phrase}" for phrase in missing(d)),
         "",
         gains(d),
         "",
@@ -116,6 +117,6 @@ def _parameters(d: Mapping[str, Any]) -> list[str]:
         against = "" if entry.get("confirmed", True) else " (contradicted by the test runs, inactive)"
         for p in entry["parameters"]:
             where = p["joint"] if p["joint"] is not None else place_of(entry)
-            value = with_error(p["value"], p["std_error"], p["unit"])
-            rows.append(f"| {title_of(entry['effect'])}{against} | {where} | {p['name'].replace('_', ' ')} | {value} |")
+            value = value_of(entry, p) + (" (left open by the runs)" if left_open(entry, p) else "")
+            rows.append(f"| {title_of(entry['effect'])}{against} | {where} | {title_of(p['name'])} | {value} |")
     return rows if len(rows) > 2 else ["None: nothing was added."]

@@ -5,11 +5,42 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hybrid_dynamics.loop_report.words import title_of, unit_of
+from hybrid_dynamics.loop_report.words import capital, confirmed, left_open, title_of, unit_of, value_of, where
 
 Entry = Mapping[str, Any]
 #: An effect with more parameters than this has a table's worth of them; the headline counts its links.
 _MOST = 4
+
+
+def missing(diagnosis: Mapping[str, Any]) -> list[str]:
+    """A phrase a kind of effect that stands in the model: what, where, how much, how sure."""
+    groups: dict[str, list[Entry]] = {}
+    for entry in diagnosis["effects"]:
+        if confirmed(entry):
+            groups.setdefault(entry["effect"], []).append(entry)
+    return [capital(_missing(own, diagnosis["joints"])) for own in groups.values()]
+
+
+def _missing(entries: Sequence[Entry], joints: Sequence[str]) -> str:
+    if len(entries) == 1:
+        (entry,) = entries
+        values = [
+            f"{_named(entry, p['name'])}{value_of(entry, p)}"
+            + (" (left open by these runs)" if left_open(entry, p) else "")
+            for p in matter(entry)
+        ]
+        values += settings_words(entry)
+        return f"{place(entry)}: {', '.join(values)}" if values else place(entry)
+    places = list(dict.fromkeys(entry["joints"][0] for entry in entries if entry["joints"]))
+    ranges = _ranges(entries)
+    values = [f"{_named(entries[0], key)}{_range(own)}" for key, own in ranges.items()]
+    phrase = title_of(entries[0]["effect"]) + (f" on {where(places, joints)}" if places else "")
+    return f"{phrase}: {', '.join(values)}" if values else phrase
+
+
+def _named(entry: Entry, parameter: str) -> str:
+    """The parameter's name, where it says more than the effect's."""
+    return "" if parameter == entry["effect"] else f"{title_of(parameter)} "
 
 
 def place(entry: Entry) -> str:
@@ -30,23 +61,19 @@ def single_words(entry: Entry) -> str:
     shown = matter(entry)
     extra = settings_words(entry)
     if len(shown) == 1 and not extra:
-        where = place(entry).removeprefix(title_of(entry["effect"]))
-        return f"{title_of(entry['effect'])} {_value(shown[0])}{where}"
+        return f"{title_of(entry['effect'])} {_value(shown[0])}{place(entry).removeprefix(title_of(entry['effect']))}"
     values = [f"{title_of(p['name'])} {_value(p)}" for p in shown] + extra
     return f"{place(entry)} ({', '.join(values)})" if values else place(entry)
 
 
-def several_words(entries: Sequence[Entry], where: str) -> str:
+def several_words(entries: Sequence[Entry], places: str) -> str:
     """The same effect on several joints, every parameter as a range: ``Coulomb friction 2.7 to 8.5 N m on a, b``."""
-    ranges: dict[str, list[Mapping[str, Any]]] = {}
-    for entry in entries:
-        for p in matter(entry):
-            ranges.setdefault(p["name"], []).append(p)
+    ranges = _ranges(entries)
     name = title_of(entries[0]["effect"])
     if len(ranges) == 1:
-        return f"{name} {_range(next(iter(ranges.values())))}{where}"
+        return f"{name} {_range(next(iter(ranges.values())))}{places}"
     values = ", ".join(f"{title_of(key)} {_range(own)}" for key, own in ranges.items())
-    return f"{name}{where} ({values})" if values else f"{name}{where}"
+    return f"{name}{places} ({values})" if values else f"{name}{places}"
 
 
 def matter(entry: Entry) -> list[Mapping[str, Any]]:
@@ -58,8 +85,7 @@ def matter(entry: Entry) -> list[Mapping[str, Any]]:
         return parameters[:1]
     if len(parameters) > _MOST or "expression" in (entry.get("settings") or {}):
         return []
-    left_open = entry.get("undetermined_parameters", ())
-    known = [p for p in parameters if p["name"] not in left_open and abs(p["value"]) > (p.get("std_error") or 0.0)]
+    known = [p for p in parameters if not left_open(entry, p) and abs(p["value"]) > (p.get("std_error") or 0.0)]
     return known or parameters[:1]
 
 
@@ -89,6 +115,15 @@ def settings_words(entry: Entry, placed: bool = False) -> list[str]:
         out.append(f"sign turns over {settings['sign_width']:g} rad/s")
     if placed and settings.get("sign_displacement"):
         out.append(f"sign turns over {settings['sign_displacement']:g} rad")
+    return out
+
+
+def _ranges(entries: Sequence[Entry]) -> dict[str, list[Mapping[str, Any]]]:
+    """Parameters that matter, by name, over several entries of one effect."""
+    out: dict[str, list[Mapping[str, Any]]] = {}
+    for entry in entries:
+        for p in matter(entry):
+            out.setdefault(p["name"], []).append(p)
     return out
 
 

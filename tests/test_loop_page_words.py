@@ -1,0 +1,115 @@
+"""What the page of a loop says in words and how it draws: nothing that the data leave open looks measured."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.effects import Term
+from hybrid_dynamics.loop.search import Step
+from hybrid_dynamics.loop_report import words
+from hybrid_dynamics.loop_report.content import Candidate, Curve, SearchStep, Trace
+from hybrid_dynamics.loop_report.details import _title, _together
+from hybrid_dynamics.loop_report.gather import _key, _swapped, kind_of, run_title
+from hybrid_dynamics.loop_report.parameter_words import missing
+from hybrid_dynamics.loop_report.plots import curve_figure, torque_figure
+
+
+def parameter(name: str, value: float, error: float, unit: str, joint: str | None = None) -> dict[str, Any]:
+    return {"name": name, "joint": joint, "value": value, "std_error": error, "unit": unit}
+
+
+def entry(effect: str, joints: list[str], parameters: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
+    return {"effect": effect, "joints": joints, "settings": {}, "parameters": parameters, **more}
+
+
+def test_a_parameter_that_the_runs_leave_open_has_no_error_that_looks_measured() -> None:
+    mass = parameter("mass", 4.971, 6.9e-14, "kg", "a")
+    links = entry("inertial_parameters", [], [mass, mass | {"joint": "b"}], undetermined_parameters=["a/mass"])
+    assert words.value_of(links, links["parameters"][0]) == "4.971 kg"
+    assert "±" in words.value_of(links, links["parameters"][1])  # another link's mass is not the same parameter
+    links["settings"] = {"links": ["a", "b"]}
+    (phrase,) = missing({"effects": [links], "joints": ["a", "b"]})
+    assert phrase == "Inertial parameters: 2 links"
+    payload = entry("payload", [], [mass | {"joint": None}], undetermined_parameters=["mass"])
+    assert missing({"effects": [payload], "joints": ["a"]}) == ["Payload: mass 4.971 kg (left open by these runs)"]
+
+
+def test_a_name_is_confirmed_only_where_the_held_out_runs_surely_gain() -> None:
+    def said(value: float, confirmed: bool = True) -> str:
+        change = {"value": value, "std_error": 0.1}
+        return words.standing(entry("armature", ["a"], [], confirmed=confirmed, test_change=change))
+
+    assert (said(-0.3), said(-0.1), said(0.3, False)) == ("confirmed", "undecided", "contradicted")
+    chance = entry("armature", ["a"], [], confirmed=True, test_change={"value": -0.1, "std_error": 0.1})
+    sure = chance | {"joints": ["b"], "test_change": {"value": -0.5, "std_error": 0.1}}
+    for one in (chance, sure):
+        one["indistinguishable_from"] = []
+    (line,) = words.certainty({"effects": [chance, sure], "joints": ["a", "b"]})
+    assert line.startswith("1 of 2 names are confirmed")
+    assert "armature (a) they do not decide" in line
+
+
+def test_an_effect_is_found_again_in_the_diagnosis_whatever_json_made_of_its_settings() -> None:
+    assert _key("x", ("a",), {"links": ("a", "b"), "w": 0.1 + 0.2}) == _key("x", ["a"], {"links": ["a", "b"], "w": 0.3})
+    assert _key("x", ("a",), {"links": ("a", "b")}) != _key("x", ("a",), {"links": ("a",)})
+
+
+@pytest.mark.parametrize(
+    ("effect", "kind"),
+    [("hysteresis_friction", "friction"), ("load_dependent_friction", "friction"), ("joint_spring", "position"),
+     ("armature", "rotor"), ("payload", "body"), ("torque_offset", "offset"), ("time_delay", "reading")],
+)  # fmt: skip
+def test_effects_stand_under_their_own_heading(effect: str, kind: str) -> None:
+    assert kind_of(effect) == kind
+
+
+def test_a_knock_does_not_flatten_the_picture_and_is_counted() -> None:
+    x = np.linspace(-1, 1, 400)
+    law = np.sign(x)
+    left = np.zeros(400)
+    left[[7, 300]] = 40.0, -40.0
+    curve = Curve("j", "dq", 0.05, tuple(x), tuple(law + left), tuple(law), (0,) * 400)
+    drawn = curve_figure(curve, ("run_1",), "").values
+    low, high = drawn["range"]
+    assert -1.5 < low < -1.0 < 1.0 < high < 1.5
+    assert drawn["label0"] == "run run_1 (2 of 400 points beyond the picture)"
+    calm = curve_figure(Curve("j", "dq", 0.05, tuple(x), tuple(law), tuple(law), (0,) * 400), ("run_1",), "").values
+    assert calm["label0"] == "run run_1"
+    trace = Trace("run_1", "j", tuple(x), tuple(law + left), tuple(law), tuple(law))
+    assert max(torque_figure(trace, 0.05).values["range"]) < 1.0
+
+
+def test_steps_read_as_a_story() -> None:
+    def dropped(joint: str) -> SearchStep:
+        return SearchStep("drop", "torque_offset", joint)
+
+    tried = Candidate("armature", "a", "", 1.0, 0.5, 0.1, True, "accepted")
+    steps = [
+        SearchStep("start", "", ""),
+        dropped("a"),
+        dropped("b"),
+        SearchStep("add", "armature", "a", (tried,)),
+        dropped("c"),
+        SearchStep("replace", "payload", "", (), ("link inertia (c)",)),
+    ]
+    lines = [f"{first}: {_title(own)}" for first, own in _together(steps)]
+    assert lines[1:] == [
+        "2: drop torque offset (a), torque offset (b)",
+        "4: add armature (a)",
+        "5: drop torque offset (c)",
+        "6: replace link inertia (c) by payload",
+    ]
+
+
+def test_a_replacement_says_what_went_and_what_came() -> None:
+    old, kept, new = Term("payload"), Term("armature", 0), Term("link_inertia", 1)
+    step = Step("replace", None, (kept, new), (), (0.0,))
+    assert _swapped((old, kept), step) == (new, (old,))
+    assert _swapped((old, kept), Step("drop", old, (kept,), (), (0.0,))) == (None, ())
+
+
+def test_runs_bear_their_files_names() -> None:
+    assert [run_title(n) for n in ("test:run_3", "train:a", "plain")] == ["run_3", "a", "plain"]
