@@ -9,7 +9,7 @@ from hybrid_dynamics.files import write_text
 from hybrid_dynamics.study.blind import COLUMNS
 from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.study.datasets import RobotSettings, picture_of
-from hybrid_dynamics.study.layout import REPORTS, BlindFiles, DatasetFiles
+from hybrid_dynamics.study.layout import REPORTS, RESIMULATION_COLUMNS, BlindFiles, DatasetFiles
 from hybrid_dynamics.study.park.collect import collect_park
 from hybrid_dynamics.study.report import write_report
 from hybrid_dynamics.study.report.campaign import campaign_sections
@@ -23,12 +23,16 @@ def main() -> None:
     robots = {name: section(params, f"dataset.{name}.robot", RobotSettings) for name in names}
     steps = pd.concat([pd.read_csv(DatasetFiles(name).model("loop") / "steps.csv") for name in names])
     write_text(REPORTS / "loop.csv", steps.to_csv(index=False))
-    again = pd.concat([pd.read_csv(DatasetFiles(name).resimulation) for name in names])
-    write_text(REPORTS / "resimulation.csv", again.to_csv(index=False))
+    arms = section(params, "park", list[str])
+    # An arm that is a data set too is simulated once: its model is the same.
+    places = [DatasetFiles(name).resimulation for name in names]
+    places += [DatasetFiles(arm).park_resimulation for arm in arms if arm not in names]
+    again = [table for place in places if len(table := pd.read_csv(place))]
+    table = pd.concat(again) if again else pd.DataFrame(columns=list(RESIMULATION_COLUMNS))
+    write_text(REPORTS / "resimulation.csv", table.to_csv(index=False))
     scores = [pd.read_csv(BlindFiles(name).scores) for name in section(params, "blind_robots", list[str])]
     blind = pd.concat(scores) if scores else pd.DataFrame(columns=list(COLUMNS))
     write_text(REPORTS / "blind.csv", blind.to_csv(index=False))
-    arms = section(params, "park", list[str])
     left_out = collect_park(arms, section(params, "added_arms", list[str]), REPORTS)
     if arms:
         without = f"; left out: {', '.join(left_out)}" if left_out else ""

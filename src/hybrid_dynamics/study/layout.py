@@ -95,6 +95,10 @@ class DatasetFiles:
         return self.folder / "resimulation.csv"
 
     @property
+    def park_resimulation(self) -> Path:
+        return self.folder / "park_resimulation.csv"
+
+    @property
     def park(self) -> Path:
         return self.folder / "park"
 

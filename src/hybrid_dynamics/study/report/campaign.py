@@ -12,6 +12,7 @@ import pandas as pd
 from hybrid_dynamics.loop_report.html import Cell, details, escape, table
 from hybrid_dynamics.study.intervals import clopper_pearson, counted
 from hybrid_dynamics.study.report.pieces import frame_table
+from hybrid_dynamics.study.report.resimulation import resimulation_section
 from hybrid_dynamics.study.results import Section, read_csv
 
 #: Added torque, in noise floors, from which on a planted effect must be found.
@@ -241,6 +242,7 @@ def campaign_sections(reports: Path) -> tuple[Section, ...]:
     """Those of the sections above whose file is in ``reports``."""
     found: Sequence[Section | None] = (
         park_section(reports / "park.csv"),
+        resimulation_section(reports / "resimulation.csv"),
         blind_section(reports / "blind.csv"),
         benchmark_section(reports / "benchmarks.csv"),
     )

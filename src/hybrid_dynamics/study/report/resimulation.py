@@ -1,0 +1,78 @@
+"""The section on resimulation: driven by the recorded torque, does the exported model move as the robot did?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from hybrid_dynamics.loop_report.html import Cell, badge, details, escape, table
+from hybrid_dynamics.loop_report.words import number
+from hybrid_dynamics.study.layout import RESIMULATION_COLUMNS
+from hybrid_dynamics.study.results import Section, read_csv
+
+
+def resimulation_section(path: Path) -> Section | None:
+    """State error before and after on every arm; ``path`` is ``resimulation.csv``. None where there is nothing."""
+    if not path.exists():
+        return None
+    rows = read_csv(path, RESIMULATION_COLUMNS)
+    if not len(rows):
+        return None
+    windows = ", ".join(f"{value:g}" for value in sorted(set(rows["window"])))
+    parts = [
+        "<p>The model that the loop completed, exported as MJCF, driven in MuJoCo by the recorded torque of held-out "
+        f"runs in windows of {windows} s, each begun at the recorded state: the root mean square of what its motion is "
+        "off, for the URDF alone (before) and the completed model (after). Another engine, and forward in time: a "
+        "check of the whole chain. Without its friction a light wrist runs away within the half second; that is "
+        "what the large numbers before are. What MJCF cannot carry (friction with a memory, say) is not in it.</p>",
+        _arms(rows),
+    ]
+    for name, own in rows.groupby("dataset", sort=False):
+        parts.append(details(f"{name}, joint by joint", _joints(own)))
+    return Section("resimulation", "Simulated again in MuJoCo", "\n".join(parts))
+
+
+def _arms(rows: pd.DataFrame) -> str:
+    body: list[list[Cell | str]] = []
+    for name, own in rows.groupby("dataset", sort=False):
+        sizes = {
+            column: float(own[column].median())
+            for column in ("position_before", "position_after", "velocity_before", "velocity_after")
+        }
+        full = max(sizes["position_before"], sizes["position_after"]) or 1.0
+        drawn = "".join(
+            f'<span class="bar {kind}" style="width:{100 * sizes[f"position_{kind}"] / full:.1f}%"></span>'
+            for kind in ("before", "after")
+        )
+        better = int((own["position_after"] < own["position_before"]).sum())
+        body.append(
+            [
+                Cell(f"{escape(str(name))} {badge(str(own['provenance'].iloc[0]))}", "text"),
+                Cell(drawn, "picture"),
+                f"{number(sizes['position_before'], 3)} → <b>{number(sizes['position_after'], 3)}</b>",
+                f"{number(sizes['velocity_before'], 3)} → <b>{number(sizes['velocity_after'], 3)}</b>",
+                f"{better} of {len(own)}",
+                str(int(own["windows"].iloc[0])),
+            ]
+        )
+    heads = ["Arm", "position", "position [rad]", "velocity [rad/s]", "joints that improve", "windows"]
+    return f'<div class="drawn">{table(heads, body, "Median joint, before → after")}</div>'
+
+
+def _joints(own: pd.DataFrame) -> str:
+    body: list[list[Cell | str]] = []
+    for _, row in own.iterrows():
+        ends = {key: float(row[key]) for key in own.columns if key.endswith(("_before", "_after"))}
+        cells = [
+            Cell(number(ends[f"{what}_{when}"], 3), "best" if _is_best(ends, what, when) else "")
+            for what in ("position", "velocity")
+            for when in ("before", "after")
+        ]
+        body.append([Cell(escape(str(row["joint"])), "text"), *cells])
+    heads = ["Joint", "position before [rad]", "after", "velocity before [rad/s]", "after"]
+    return table(heads, body)
+
+
+def _is_best(ends: dict[str, float], what: str, when: str) -> bool:
+    return ends[f"{what}_{when}"] == min(ends[f"{what}_before"], ends[f"{what}_after"])
