@@ -10,6 +10,7 @@ import pytest
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop_report import words
+from hybrid_dynamics.loop_report.bokeh_json import Drawing
 from hybrid_dynamics.loop_report.content import Candidate, Curve, SearchStep, Trace
 from hybrid_dynamics.loop_report.details import _title, _together
 from hybrid_dynamics.loop_report.gather import _key, _swapped, kind_of, run_title
@@ -66,20 +67,27 @@ def test_effects_stand_under_their_own_heading(effect: str, kind: str) -> None:
     assert kind_of(effect) == kind
 
 
+def span(figure: Drawing) -> tuple[float, float]:
+    """The range of the axis."""
+    value = figure.values["range"]
+    assert isinstance(value, tuple)
+    return value
+
+
 def test_a_knock_does_not_flatten_the_picture_and_is_counted() -> None:
     x = np.linspace(-1, 1, 400)
     law = np.sign(x)
     left = np.zeros(400)
     left[[7, 300]] = 40.0, -40.0
     curve = Curve("j", "dq", 0.05, tuple(x), tuple(law + left), tuple(law), (0,) * 400)
-    drawn = curve_figure(curve, ("run_1",), "").values
-    low, high = drawn["range"]
+    figure = curve_figure(curve, ("run_1",), "")
+    low, high = span(figure)
     assert -1.5 < low < -1.0 < 1.0 < high < 1.5
-    assert drawn["label0"] == "run run_1 (2 of 400 points beyond the picture)"
+    assert figure.values["label0"] == "run run_1 (2 of 400 points beyond the picture)"
     calm = curve_figure(Curve("j", "dq", 0.05, tuple(x), tuple(law), tuple(law), (0,) * 400), ("run_1",), "").values
     assert calm["label0"] == "run run_1"
     trace = Trace("run_1", "j", tuple(x), tuple(law + left), tuple(law), tuple(law))
-    assert max(torque_figure(trace, 0.05).values["range"]) < 1.0
+    assert max(span(torque_figure(trace, 0.05))) < 1.0
 
 
 def test_steps_read_as_a_story() -> None:

@@ -62,7 +62,7 @@ def _blank_range() -> Any:
     """A range that the page sets: Bokeh takes no text for its ends."""
     from bokeh.models import Range1d
 
-    return Range1d(0.0, 1.0, tags=[blank("range")])
+    return Range1d(start=0.0, end=1.0, tags=[blank("range")])
 
 
 def _hover(made: Any, renderers: list[Any], tips: list[tuple[str, str]]) -> None:
