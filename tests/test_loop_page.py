@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.resources import files
@@ -19,8 +21,9 @@ from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.content import Content, Curve, read_content, write_content
 from hybrid_dynamics.loop_report.gather import gather
-from hybrid_dynamics.loop_report.plots import law_of
+from hybrid_dynamics.loop_report.plots import drawn, law_of
 from hybrid_dynamics.loop_report.report import content_html
+from hybrid_dynamics.loop_report.templates import KEPT, library, template
 from hybrid_dynamics.robots import Robot, find_description
 
 COULOMB, ARMATURE = 1.5, 0.3
@@ -246,3 +249,23 @@ def test_the_page_in_a_browser(page, content, dark):
         assert seen.twice == seen.dead == []
         assert seen.drawn == seen.plots > 4
         assert seen.paper == ("rgb(21, 24, 28)" if dark else "rgb(255, 255, 255)")
+
+
+@pytest.mark.parametrize("kind", KEPT)
+def test_a_figure_that_is_kept_is_the_one_that_the_library_draws(kind):
+    # After a change of a figure: templates.py says how to write the file anew.
+    assert template(kind) == drawn(kind)
+
+
+def test_the_script_of_the_page_is_the_librarys():
+    from bokeh.resources import INLINE
+
+    assert library() in str(INLINE.js_raw[0])
+
+
+def test_a_usual_page_is_written_without_loading_the_library():
+    code = "import sys; from hybrid_dynamics.loop_report.templates import *; [template(k) for k in KEPT]; library()"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{code}; print('bokeh' in sys.modules)"], capture_output=True, text=True
+    )
+    assert done.stdout == "False\n", done.stderr

@@ -14,7 +14,7 @@ from importlib.resources import files
 from markupsafe import Markup
 
 from hybrid_dynamics.loop_report.bokeh_json import Drawing
-from hybrid_dynamics.loop_report.plots import template
+from hybrid_dynamics.loop_report.templates import library, template
 
 
 @dataclass
@@ -36,10 +36,8 @@ class FigureBook:
         """The library, the figures and what draws them; nothing where there is no figure."""
         if not self.drawings:
             return Markup("")
-        from bokeh.resources import INLINE
-
         # "</script" would end the script element.
-        library = str(INLINE.js_raw[0]).replace("</script", "<\\/script")
+        code = library().replace("</script", "<\\/script")
         kinds = list(dict.fromkeys(drawing.kind for drawing in self.drawings))
         value = {
             "templates": {kind: template(kind) for kind in kinds},
@@ -48,6 +46,6 @@ class FigureBook:
         data = json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
         own = files("hybrid_dynamics.loop_report").joinpath("plots.js").read_text("utf-8")
         return Markup(
-            f"<script>{library}</script>\n"
+            f"<script>{code}</script>\n"
             f'<script type="application/json" id="plots">{data}</script>\n<script>\n{own}</script>\n'
         )

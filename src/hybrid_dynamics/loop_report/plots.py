@@ -224,6 +224,6 @@ def _torque_template() -> dict[str, Any]:
     return plain(column(upper, strip, sizing_mode="stretch_width"))
 
 
-def template(kind: str) -> dict[str, Any]:
+def drawn(kind: str) -> dict[str, Any]:
     """Bokeh's JSON of a drawing of ``kind`` with blanks for its values."""
     return _torque_template() if kind == "torque" else _curve_template(int(kind.removeprefix("curve")))
