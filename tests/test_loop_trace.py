@@ -9,9 +9,12 @@ import pytest
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, to_body, to_dynamic
 from hybrid_dynamics.loop import LoopSettings, Model
-from hybrid_dynamics.loop.evidence import Evidence, Held, Layout
+from hybrid_dynamics.loop.blocks import Blocks, Folds
+from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.gram import BlockGrams
+from hybrid_dynamics.loop.held import Held
+from hybrid_dynamics.loop.layout import Layout
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.process import process
 from hybrid_dynamics.loop.search import _replace, search
@@ -37,8 +40,8 @@ class Told:
         columns = np.stack([*self.residuals.values(), np.zeros((BLOCKS, SAMPLES))], axis=2)
         self.gram = [BlockGrams.of(np.einsum("bti,btj->bij", columns, columns))]
         self.own_sum = [[gram.total() for gram in self.gram]]
-        self.fold_parts, self.block_run = [[slice(None)]], np.zeros(BLOCKS, int)
-        self.block_rows = [(0, 0)] * BLOCKS
+        self.blocks = Blocks(np.zeros(BLOCKS, int), ((0, 0),) * BLOCKS)
+        self.folds = Folds(self.blocks, 1, np.zeros(BLOCKS, int))
 
     def held(self, terms: Any, physical: bool = False) -> Held:
         place = list(self.residuals).index(frozenset(terms))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.loop.columns import follows
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.tangents import covariance_with_settings
@@ -47,8 +48,9 @@ def refit(evidence: Evidence, terms: Sequence[Term], rounds: int = 3, everything
     columns of candidates.
     """
     kinds = [s.family() for s in terms]
-    nonlinear = any(k.nonlinear for k in kinds) or (evidence.base_follows_load and any(k.changes_body for k in kinds))
-    following = [s for s in (evidence.terms if everything else terms) if s.family().uses_load or s.family().uses_torque]
+    columns = evidence.columns
+    nonlinear = any(k.nonlinear for k in kinds) or (columns.base_follows_load and any(k.changes_body for k in kinds))
+    following = [s for s in (columns.terms if everything else terms) if follows(s)]
     if not nonlinear:
         evidence.reset()
     x = evidence.fit(terms)

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.augment import effects_of
-from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
+from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, Place, pairs
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
@@ -132,7 +133,7 @@ def inconsistent(
         keys = kind.published({k: v for k, v in term.options.items() if k != ONLY_RUN})
         fits = []
         for r in range(runs):
-            mine = evidence.block_run == r
+            mine = evidence.blocks.run == r
             own, covariance, gain = fit_alone(evidence, terms, x, term, start, mine)
             fits.append((own, covariance, gain))
         if term not in inconsistent and not any(judge.matters(term, gain, 1.0) for _, _, gain in fits):

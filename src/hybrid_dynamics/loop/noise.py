@@ -49,9 +49,9 @@ def noise_floor(evidence: Evidence, terms: Sequence[Term] = (), x: Array | None 
     for j, rows in _rich_rows(evidence, left):
         blocks = [
             rows[r][low:high][evidence.mask[r][low:high, j]]
-            for r, (low, high) in zip(evidence.block_run, evidence.block_rows, strict=True)
+            for r, (low, high) in zip(evidence.blocks.run, evidence.blocks.rows, strict=True)
         ]
-        out[j] = _floor(blocks, evidence.block_fold, evidence.folds)
+        out[j] = _floor(blocks, evidence.folds.of_block, evidence.folds.number)
     return out
 
 
@@ -82,7 +82,7 @@ def _rich_rows(evidence: Evidence, left: Sequence[Array]) -> Iterator[tuple[int,
     for j in range(evidence.n):
         if evidence.samples[j] < 20:
             continue
-        own = [evidence.joint_rows(r, j) for r in range(len(evidence.runs))]
+        own = [evidence.columns.rows[r][j] for r in range(len(evidence.runs))]
         rich = [run.smooth(rich_columns(run, rigid[r], j)) for r, run in enumerate(evidence.runs)]
         # A column twice would be held back by the ridge only half as much.
         new = [k for k in range(rich[0].shape[1]) if not _among(rich[0][:, k], own[0])]

@@ -14,8 +14,8 @@ import numpy as np
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.evidence import Held
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
+from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
 from hybrid_dynamics.loop.trace import DECISIVE, Gain, Judge, covers, rank, same_place
 

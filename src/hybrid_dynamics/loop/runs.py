@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from hybrid_dynamics.effects import Term
-from hybrid_dynamics.loop.evidence import ONLY_RUN
+from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.identifiability import fit_alone
 from hybrid_dynamics.loop.search import Step, search
@@ -86,7 +86,7 @@ def pool(judge: Judge, terms: Sequence[Term]) -> tuple[list[Term], Array]:
         values.append(x[start : start + term.size])
     evidence.add_terms(merged)
     out = np.concatenate(values)
-    everything = np.ones(len(evidence.block_rows), bool)
+    everything = np.ones(len(evidence.blocks.rows), bool)
     for term in whole_of(terms):
         start = evidence.layout(merged).starts[merged.index(term)]
         solution, _, _ = fit_alone(evidence, merged, out, term, start, everything)

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_sign
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.evidence import ONLY_RUN, Held
+from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
 from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers, rank, same_place
 
@@ -133,7 +134,7 @@ def choose_signs(judge: Judge, current: Sequence[Term]) -> list[Term]:
     )
     best = list(current)
     refit(evidence, best)
-    ways = sorted({sign_part(s.settings) for s in evidence.terms if s.family().turns_sign})
+    ways = sorted({sign_part(s.settings) for s in evidence.columns.terms if s.family().turns_sign})
     for joint in sorted({s.index for s in turning}):
         own = [i for i, s in enumerate(best) if s.joint == joint and s in turning]
         reference = evidence.held(best)

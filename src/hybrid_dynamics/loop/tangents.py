@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hybrid_dynamics.effects import Term
-from hybrid_dynamics.loop.evidence import ONLY_RUN, Evidence
+from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.types import Array
 
 
@@ -23,15 +24,15 @@ def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array
     layout = evidence.layout(terms)
     tangents = _tangents(evidence, terms, x)
     p, m = layout.total, tangents[0].shape[2]
-    a, scores = np.zeros((p + m, p + m)), np.zeros((len(evidence.block_rows), p + m))
+    a, scores = np.zeros((p + m, p + m)), np.zeros((len(evidence.blocks.rows), p + m))
     a[:p, :p], _ = evidence.normal(layout, evidence.full_gram)
     residuals = evidence.residuals(terms, x)
     for j, (position, column) in enumerate(evidence.indices(layout)):
         where = np.concatenate([position, np.arange(p, p + m)])
-        for b, (low, high) in enumerate(evidence.block_rows):
-            r = evidence.block_run[b]
+        for b, (low, high) in enumerate(evidence.blocks.rows):
+            r = evidence.blocks.run[b]
             counted = evidence.mask[r][low:high, j]
-            own = evidence.joint_rows(r, j)[low:high][counted][:, column]
+            own = evidence.columns.rows[r][j][low:high][counted][:, column]
             rows = np.hstack([own, tangents[r][low:high, j][counted]])
             scores[b, where] += evidence.weights[j] * rows.T @ residuals[r][low:high, j][counted]
             cross = evidence.weights[j] * rows.T @ rows[:, len(position) :]

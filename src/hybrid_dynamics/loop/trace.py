@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term
-from hybrid_dynamics.loop.evidence import Evidence, Held, term_order
+from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
+from hybrid_dynamics.loop.held import Held
+from hybrid_dynamics.loop.layout import term_order
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.types import Array
 
@@ -90,7 +92,7 @@ class Judge:
         left = new if noise is None else noise
         cross = left.change(old, new)
         gain = old.joint_errors - new.joint_errors
-        error, blocks = block_error(cross @ weights, self.evidence.block_run)
+        error, blocks = block_error(cross @ weights, self.evidence.blocks.run)
         per_joint = gain / np.maximum(self.evidence.samples, 1)
         return Gain(float(gain @ weights), 2.0 * error, np.asarray(per_joint), blocks)
 
@@ -130,7 +132,7 @@ class Judge:
 
         A gain elsewhere comes from what the effect allows the others to do: a proxy, unless it is ``decisive``.
         """
-        counted = np.ones(self.evidence.n, bool) if decisive else self.evidence.acts(term)
+        counted = np.ones(self.evidence.n, bool) if decisive else self.evidence.columns.acts(term)
         return int(np.sum((joint_gain > self._bar(share)) & counted)) >= self.needed(term)
 
 

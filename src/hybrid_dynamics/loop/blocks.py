@@ -1,0 +1,111 @@
+"""Runs cut into blocks of time, and blocks into folds: what is held out together, and what is independent of what."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.settings import LoopSettings
+
+Indices = NDArray[np.int_]
+
+#: A block lasts at least this many windows of the filter.
+BLOCK_WINDOWS = 4.0
+#: Share of a joint's moving rows in one run beyond which runs cannot stand in for each other.
+MOST_IN_ONE = 0.8
+#: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
+FEWEST_BLOCKS, MOST_BLOCKS = 12, 100
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Contiguous pieces of the runs: each one's ``run`` (B,), and its first and last (excluded) row in it."""
+
+    run: Indices
+    rows: tuple[tuple[int, int], ...]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Which ``number`` of parts are held out in turn: ``of_block`` (B,) tells the fold of every one of ``blocks``."""
+
+    blocks: Blocks
+    number: int
+    of_block: Indices
+
+    @cached_property
+    def own(self) -> list[Indices]:
+        """Blocks of every fold."""
+        return [np.flatnonzero(self.of_block == f) for f in range(self.number)]
+
+    @cached_property
+    def parts(self) -> list[list[slice]]:
+        """Blocks of every fold as slices: what they select is no copy."""
+        return [_slices(own) for own in self.own]
+
+    @cached_property
+    def edges(self) -> list[Indices]:
+        """Blocks of other folds that border on a fold within a run; none where nothing else would be left.
+
+        Neighbours are not independent: they take no part in the fit that the fold is predicted from.
+        """
+        return [self._edge(f) for f in range(self.number)]
+
+    def _edge(self, fold: int) -> Indices:
+        mine = self.of_block == fold
+        edge = np.zeros(len(mine), bool)
+        same = self.blocks.run[1:] == self.blocks.run[:-1]
+        edge[1:] |= same & mine[:-1]
+        edge[:-1] |= same & mine[1:]
+        edge &= ~mine
+        return np.flatnonzero(edge) if np.any(~mine & ~edge) else np.zeros(0, int)
+
+
+def folds_of(runs: Sequence[Run], settings: LoopSettings) -> Folds:
+    """The runs in blocks; whole runs are the folds, or parts of them where runs cannot stand in for each other."""
+    owner, fold, bounds = [], [], []
+    single = not _share_motion(runs)
+    folds = settings.time_folds if single else len(runs)
+    lengths = [float(run.time[-1] - run.time[0]) for run in runs]
+    # Blocks are long against the filter's window; where a log is short, as short as that allows.
+    wanted = max(settings.block, sum(lengths) / MOST_BLOCKS)
+    for r, (run, length) in enumerate(zip(runs, lengths, strict=True)):
+        fewest = min(int(np.ceil(FEWEST_BLOCKS / len(runs))), int(length * run.cutoff / BLOCK_WINDOWS))
+        per_run = max(round(length / wanted), fewest, folds if single else 1)
+        edges = np.linspace(0, len(run.time), per_run + 1).round().astype(int)
+        for k, (low, high) in enumerate(pairwise(edges)):
+            owner.append(r)
+            bounds.append((int(low), int(high)))
+            fold.append(k * folds // per_run if single else r)
+    return Folds(Blocks(np.array(owner), tuple(bounds)), folds, np.array(fold))
+
+
+def folds_by_time(blocks: Blocks, number: int) -> Folds:
+    """Contiguous parts of every run in turn, so that every run is in every fit."""
+    of_block = np.zeros(len(blocks), int)
+    for r in np.unique(blocks.run):
+        mine = np.flatnonzero(blocks.run == r)
+        of_block[mine] = np.arange(len(mine)) * number // len(mine)
+    return Folds(blocks, number, of_block)
+
+
+def _share_motion(runs: Sequence[Run]) -> bool:
+    """False for a single run, and where a joint moves in hardly more than one: nothing else could predict that."""
+    rows = np.array([run.mask.sum(axis=0) for run in runs], float)
+    total = rows.sum(axis=0)
+    return len(runs) > 1 and bool(np.all(rows.max(axis=0)[total > 0] <= MOST_IN_ONE * total[total > 0]))
+
+
+def _slices(index: Indices) -> list[slice]:
+    """Ascending ``index`` as slices."""
+    parts = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
+    return [slice(int(p[0]), int(p[-1]) + 1) for p in parts if len(p)]

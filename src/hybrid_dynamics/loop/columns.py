@@ -1,0 +1,165 @@
+"""Smoothed columns of candidate terms, per run and joint: what a fit of them is linear in."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.effects import Effect, Motion, Term
+from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.loop.layout import Layout, make_room
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.types import Array
+
+Indices = NDArray[np.int_]
+
+
+def follows(term: Term) -> bool:
+    """True where the columns depend on the model that is being fitted."""
+    return term.family().uses_load or term.family().uses_torque
+
+
+def model_in(base: Model, effects: Sequence[Effect], run: Run) -> Model:
+    """``base`` with those of ``effects`` that act in ``run``."""
+    return base.adding(e for e in effects if e.settings.get(ONLY_RUN) in (None, run.name))
+
+
+class Columns:
+    """Columns of the ``terms`` added so far: ``rows[run][joint]`` (K, p); what two terms share stands there once."""
+
+    def __init__(self, base: Model, runs: Sequence[Run]) -> None:
+        self.base, self.runs = base, list(runs)
+        self.n = base.robot.n_joints
+        self.terms: list[Term] = []
+        #: True where effects of the starting model follow the load, and so every change of the rigid body.
+        self.base_follows_load = any(e.term(base.robot).family().uses_load for e in base.effects)
+        self.rows: list[list[Array]] = [[np.empty((len(r.time), 0)) for _ in range(self.n)] for r in self.runs]
+        self._where: dict[Term, list[Indices | None]] = {}
+        #: A search asks for the same combinations again and again.
+        self._indices: dict[Layout, list[tuple[Indices, Indices]]] = {}
+        self._known: list[dict[bytes, int]] = [{} for _ in range(self.n)]
+
+    def __contains__(self, term: Term) -> bool:
+        return term in self._where
+
+    def size(self, joint: int) -> int:
+        """Number of columns of ``joint``."""
+        return int(self.rows[0][joint].shape[1])
+
+    def acts(self, term: Term) -> NDArray[np.bool_]:
+        """(n,) on which joints ``term`` has a torque."""
+        return np.array([where is not None for where in self._where[term]])
+
+    def add(self, terms: Sequence[Term]) -> list[int]:
+        """Compute and append the columns of ``terms`` (those not there yet); returns the joints that have new ones."""
+        new: list[list[list[Array]]] = [[[] for _ in range(self.n)] for _ in self.runs]
+        for term in terms:
+            if term in self._where:
+                continue
+            parts = self._smoothed(term, [run.motion for run in self.runs])
+            only = dict(term.settings).get(ONLY_RUN)
+            if only is not None:
+                parts = [p if run.name == only else np.zeros_like(p) for p, run in zip(parts, self.runs, strict=True)]
+            where: list[Indices | None] = []
+            for j in range(self.n):
+                own = [p if p.ndim == 2 else p[:, j] for p in parts]
+                acts = parts[0].ndim == 3 or term.joint == j
+                if not acts or max(float(np.abs(o).max(initial=0.0)) for o in own) < 1e-9:
+                    where.append(None)
+                    continue
+                where.append(self._place(j, own, [n[j] for n in new], shared=not follows(term)))
+            self._where[term] = where
+            self.terms.append(term)
+        grown = [j for j in range(self.n) if new[0][j]]
+        for j in grown:
+            for r, columns in enumerate(new):
+                self.rows[r][j] = np.hstack([self.rows[r][j], *columns[j]])
+                columns[j].clear()
+        return grown
+
+    def _place(self, j: int, parts: list[Array], added: list[list[Array]], shared: bool) -> Indices:
+        """Indices of the columns ``parts`` (one array a run) among those of joint ``j``; new ones go to ``added``."""
+        index: list[int] = []
+        new: list[int] = []
+        size = self.rows[0][j].shape[1] + sum(part.shape[1] for part in added[0])
+        for k in range(parts[0].shape[1]):
+            digest = hashlib.sha256(b"".join(p[:, k].tobytes() for p in parts)).digest()
+            if shared and digest in self._known[j]:
+                index.append(self._known[j][digest])
+                continue
+            index.append(size + len(new))
+            if shared:
+                self._known[j][digest] = index[-1]
+            new.append(k)
+        if new:
+            for own, p in zip(added, parts, strict=True):
+                own.append(p[:, new])
+        return np.array(index, int)
+
+    def _smoothed(self, term: Term, motions: Sequence[Motion]) -> list[Array]:
+        out = []
+        for run, motion in zip(self.runs, motions, strict=True):
+            columns = term.family().columns(motion, term)
+            if self.base_follows_load and term.family().changes_body:
+                share = 1.0 + self.base.load_derivative(motion.q, motion.dq, motion.ddq)
+                columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [term.index]])
+            out.append(run.smooth(columns))
+        return out
+
+    def renew(self, effects: Sequence[Effect], terms: Sequence[Term]) -> dict[int, Indices]:
+        """Compute the columns of ``terms`` that follow the load or the model's torque anew, with ``effects`` added.
+
+        Returns which columns of which joints have changed.
+        """
+        terms = [s for s in terms if follows(s)]
+        if not terms:
+            return {}
+        torque = any(s.family().uses_torque for s in terms)
+        motions = []
+        for run in self.runs:
+            model, m = model_in(self.base, effects, run), run.motion
+            load = model.completed_robot.inverse_dynamics(m.q, m.dq, m.ddq)
+            given = model.without_readings().predict(m.q, m.dq, m.ddq, m.time) if torque else None
+            motions.append(replace(m, given_load=load, given_torque=given))
+        changed: dict[int, list[int]] = {}
+        for term in terms:
+            parts = self._smoothed(term, motions)
+            for j, where in enumerate(self._where[term]):
+                if where is not None:
+                    changed.setdefault(j, []).extend(where)
+                    for r, part in enumerate(parts):
+                        self.rows[r][j][:, where] = part[:, j] if part.ndim == 3 else part
+        return {j: np.array(columns) for j, columns in changed.items()}
+
+    def linear(self, layout: Layout, x: Array) -> list[Array]:
+        """Columns times coordinates: torque (K, n) [N m] in every run."""
+        out = [np.zeros((len(run.time), self.n)) for run in self.runs]
+        for term, start in zip(layout.terms, layout.starts, strict=True):
+            own = x[start : start + term.size]
+            for j, where in enumerate(self._where[term]):
+                if where is not None:
+                    for r in range(len(self.runs)):
+                        out[r][:, j] += self.rows[r][j][:, where] @ own
+        return out
+
+    def indices(self, layout: Layout) -> list[tuple[Indices, Indices]]:
+        """Per joint: positions in x and columns of the joint."""
+        if layout not in self._indices:
+            make_room(self._indices)
+            self._indices[layout] = [self._places(layout, j) for j in range(self.n)]
+        return self._indices[layout]
+
+    def _places(self, layout: Layout, joint: int) -> tuple[Indices, Indices]:
+        position: list[int] = []
+        column: list[int] = []
+        for term, start in zip(layout.terms, layout.starts, strict=True):
+            where = self._where[term][joint]
+            if where is not None:
+                position.extend(range(start, start + len(where)))
+                column.extend(where)
+        return np.array(position, int), np.array(column, int)

@@ -1,0 +1,41 @@
+"""The order in which terms stand in a vector of coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hybrid_dynamics.effects import Term
+
+#: Combinations of terms whose places and constraints are kept.
+KEPT_LAYOUTS = 1000
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the coordinates of a combination of terms stand: ``positions[term]`` in x, size ``total``."""
+
+    terms: tuple[Term, ...]
+    starts: tuple[int, ...]
+    total: int
+
+    @classmethod
+    def of(cls, terms: Sequence[Term]) -> Layout:
+        """``terms`` one behind the other."""
+        starts = np.concatenate([[0], np.cumsum([term.size for term in terms])]).astype(int)
+        return cls(tuple(terms), tuple(int(v) for v in starts[:-1]), int(starts[-1]))
+
+
+def term_order(term: Term) -> tuple[str, int, str]:
+    """Key that sorts terms the same way every time."""
+    return term.effect, -1 if term.joint is None else term.joint, repr(term.settings)
+
+
+def make_room(cache: dict[Layout, Any]) -> None:
+    """Drop the oldest half where ``cache`` is full."""
+    if len(cache) >= KEPT_LAYOUTS:
+        for layout in list(cache)[: KEPT_LAYOUTS // 2]:
+            del cache[layout]
