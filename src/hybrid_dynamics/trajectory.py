@@ -73,6 +73,7 @@ class Trajectory:
 
     @property
     def n_joints(self) -> int:
+        """Number of joints; 0 without signals."""
         return next(iter(self.signals.values())).shape[1] if self.signals else 0
 
     @property

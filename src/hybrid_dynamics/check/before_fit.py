@@ -27,7 +27,8 @@ class Completed(Protocol):
     """A model whose rigid body may differ from the URDF's."""
 
     @property
-    def completed_robot(self) -> Robot: ...
+    def completed_robot(self) -> Robot:
+        """The robot with the effects of the body in it."""
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,7 @@ class Guess:
 
     @property
     def total(self) -> float:
+        """Score of all joints together, with the price of the guess."""
         return sum(self.scores) + self.price
 
 

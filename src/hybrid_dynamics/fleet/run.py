@@ -39,6 +39,7 @@ class FleetResult:
     tables: tuple[Path, ...]
 
     def count(self, state: str) -> int:
+        """Number of runs that ended as ``state``."""
         return sum(outcome.state == state for outcome in self.outcomes)
 
 

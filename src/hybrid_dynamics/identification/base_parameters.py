@@ -47,6 +47,7 @@ class BaseParameters:
 
     @property
     def size(self) -> int:
+        """Number of base parameters."""
         return len(self.independent)
 
     @property
@@ -56,6 +57,7 @@ class BaseParameters:
 
     @property
     def units(self) -> tuple[str, ...]:
+        """Unit of each base parameter."""
         return tuple(UNITS[name[0]] for name in self.base_names)
 
     @property

@@ -78,6 +78,7 @@ class NamedEffect:
 
     @classmethod
     def from_json(cls, entry: Mapping[str, Any]) -> NamedEffect:
+        """Inverse of :meth:`to_json`."""
         change = entry.get("test_change")
         return cls(
             effect_from_json(entry),
@@ -92,6 +93,7 @@ class NamedEffect:
         )
 
     def to_json(self) -> dict[str, Any]:
+        """The entry of ``diagnosis.json``."""
         out = effect_to_json(self.effect)
         out |= {
             "indistinguishable_from": list(self.indistinguishable_from),

@@ -225,6 +225,7 @@ class Evidence:
         return self.columns.indices(layout)
 
     def constraints(self, layout: Layout) -> Constraints:
+        """What physics asks of the coordinates of ``layout``."""
         if layout not in self._constraints:
             make_room(self._constraints)
             self._constraints[layout] = physical_constraints(

@@ -84,6 +84,7 @@ class LoopSettings:
 
     @property
     def families(self) -> tuple[str, ...]:
+        """The families that may be named."""
         return tuple(self.effects) or catalogue()
 
     @property

@@ -31,10 +31,12 @@ class Section(ABC):
 
     @property
     def anchor(self) -> str:
+        """Where links to the section lead."""
         return self.name
 
     @property
     def heading(self) -> str:
+        """What stands above it."""
         return self.title
 
     @property
@@ -57,16 +59,20 @@ class LoopSection(Section):
 
     @property
     def anchor(self) -> str:
+        """Where links to the section lead."""
         return self.prefix + self.name
 
     @property
     def diagnosis(self) -> Mapping[str, Any]:
+        """The diagnosis that is told."""
         return self.content.diagnosis
 
     def effect_anchor(self, entry: Mapping[str, Any]) -> str:
+        """Where links to an effect lead."""
         return slug(f"{self.prefix}effect {entry['effect']} {' '.join(entry['joints'])}")
 
     def group_anchor(self, group: Group) -> str:
+        """Where links to the evidence for a group of effects lead."""
         return slug(f"{self.prefix}evidence {group.where or 'robot'} {group.kind}")
 
 

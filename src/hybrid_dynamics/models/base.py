@@ -24,9 +24,11 @@ class Estimator(Protocol):
     learning. It defaults to the variance of ``y``.
     """
 
-    def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self: ...
+    def fit(self, X: Array, y: Array, variance: Array | None = None) -> Self:
+        """Learn ``y`` (N, n) [N m] from ``X`` (N, 7n); ``variance`` (n,) of the whole torque."""
 
-    def predict(self, X: Array) -> Array: ...
+    def predict(self, X: Array) -> Array:
+        """Torque (N, n) [N m]."""
 
     def expressions(self) -> list[sp.Expr] | None:
         """What was learned, one expression a joint over the features: the torque, or of a hybrid its learned residual.
@@ -126,6 +128,7 @@ class RigidBody(RegressorMixin, BaseEstimator):
 
     @property
     def engine(self) -> str:
+        """The program that searched; none here."""
         return ""
 
 

@@ -146,6 +146,7 @@ class CompiledExpressions:
         self._count = len(bare)
 
     def __call__(self, X: Array) -> Array:
+        """Value of each expression (N, count) at the features ``X`` (N, 7n)."""
         out = np.empty((len(X), self._count))
         for start in range(0, len(X), _CHUNK_ROWS):
             rows = slice(start, start + _CHUNK_ROWS)

@@ -37,6 +37,7 @@ class Factor:
 
     @property
     def n_joints(self) -> int:
+        """Number of joints."""
         return int(self.torque.shape[1])
 
     def spread(self) -> tuple[Array, Array]:

@@ -88,6 +88,7 @@ class Method:
 
     @property
     def section(self) -> str:
+        """The section of params.yaml that shapes the method."""
         return self.layer.section if self.layer is not None else self.own_section
 
     @property

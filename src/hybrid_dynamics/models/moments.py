@@ -30,7 +30,8 @@ CACHED_ROWS = 512
 class Chunk(Protocol):
     """A part of the data that a process reads where it is: features (m, 7n) and torque (m, n)."""
 
-    def read(self) -> tuple[Array, Array]: ...
+    def read(self) -> tuple[Array, Array]:
+        """Features (N, m) and target (N, n)."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class InMemory:
     y: Array
 
     def read(self) -> tuple[Array, Array]:
+        """Features (N, m) and target (N, n)."""
         return self.X, self.y
 
 

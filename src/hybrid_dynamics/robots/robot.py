@@ -34,6 +34,7 @@ class RigidBodyTorques:
 
     @property
     def total(self) -> Array:
+        """Inertia, Coriolis and gravity together (T, n) [N m]."""
         return self.inertia + self.coriolis + self.gravity
 
 
@@ -96,6 +97,7 @@ class Robot:
 
     @property
     def n_joints(self) -> int:
+        """Number of movable joints."""
         return len(self.joint_names)
 
     @property

@@ -118,9 +118,11 @@ class Dahl:
     coulomb_torque: Array
 
     def torque(self, z: Array, q: Array, dq: Array, time: float) -> Array:
+        """Torque (R, n) [N m] at states ``z``, ``q``, ``dq`` (R, n)."""
         return self.stiffness * z
 
     def advance(self, z: Array, q: Array, dq: Array, h: float) -> Array:
+        """The memory ``z`` (R, n) after a sub-step of ``h`` [s]."""
         # Exact for a velocity that is constant over the sub-step: z tends to Fc/K sign(dq).
         limit = np.sign(dq) * self.coulomb_torque / self.stiffness
         return limit + (z - limit) * np.exp(-np.abs(dq) * h * self.stiffness / self.coulomb_torque)

@@ -46,64 +46,80 @@ class DatasetFiles:
 
     @property
     def folder(self) -> Path:
+        """Everything of the data set."""
         return self.root / "data" / self.dataset
 
     @property
     def source(self) -> Path:
+        """Verified copies of the recording."""
         return self.folder / "source"
 
     @property
     def robot(self) -> Path:
+        """The only robot description that later steps read."""
         return self.folder / "robot.urdf"
 
     @property
     def trajectories(self) -> Path:
+        """Runs on a uniform grid."""
         return self.folder / "trajectories.parquet"
 
     @property
     def derivatives(self) -> Path:
+        """Runs with derivatives, all of one bandwidth."""
         return self.folder / "derivatives.parquet"
 
     @property
     def derivative_errors(self) -> Path:
+        """Errors of the differentiators on the twin."""
         return self.folder / "derivative_errors.csv"
 
     @property
     def features(self) -> Path:
+        """Runs with the rigid-body features."""
         return self.folder / "features.parquet"
 
     @property
     def factor(self) -> Path:
+        """Triangular factor of the SINDy library."""
         return self.folder / "factor.safetensors"
 
     @property
     def errors(self) -> Path:
+        """Errors of every method."""
         return self.folder / "errors.parquet"
 
     @property
     def predictions(self) -> Path:
+        """True and predicted torque."""
         return self.folder / "predictions.parquet"
 
     def model(self, method: str) -> Path:
+        """What ``method`` has learned."""
         return self.folder / "models" / method
 
     def timing(self, method: str) -> Path:
+        """Time and memory that ``method`` took."""
         return self.folder / "timing" / f"{method}.json"
 
     @property
     def resimulation(self) -> Path:
+        """State errors in another engine."""
         return self.folder / "resimulation.csv"
 
     @property
     def park_resimulation(self) -> Path:
+        """The same for an arm of the park."""
         return self.folder / "park_resimulation.csv"
 
     @property
     def park(self) -> Path:
+        """What the park says of the arm."""
         return self.folder / "park"
 
     @property
     def questions(self) -> Path:
+        """Answers to what changed."""
         return self.folder / "questions"
 
 
@@ -118,22 +134,27 @@ class HiddenFiles:
 
     @property
     def folder(self) -> Path:
+        """Everything of the data set."""
         return self.root / "data" / self.kind / self.dataset
 
     @property
     def logs(self) -> Path:
+        """What the loop may read."""
         return self.folder / "logs"
 
     @property
     def diagnoses(self) -> Path:
+        """What it says of each case."""
         return self.folder / "diagnoses"
 
     @property
     def scores(self) -> Path:
+        """How right it is."""
         return self.folder / "scores.csv"
 
     @property
     def truth(self) -> Path:
+        """What was hidden; read by the scoring alone."""
         return self.root / "data" / f"{self.kind}_truth" / f"{self.dataset}.json"
 
 

@@ -30,10 +30,12 @@ Law = Callable[[Course, int, Mapping[str, float]], Array]
 
 
 def offset(course: Course, joint: int, values: Mapping[str, float]) -> Array:
+    """A constant torque."""
     return np.full(len(course.time), values["torque"])
 
 
 def asymmetric(course: Course, joint: int, values: Mapping[str, float]) -> Array:
+    """Coulomb friction that differs with the direction."""
     v = course.dq[:, joint]
     return np.where(v > 0, values["positive"], np.where(v < 0, -values["negative"], 0.0))
 
@@ -46,6 +48,7 @@ def stribeck(course: Course, joint: int, values: Mapping[str, float]) -> Array:
 
 
 def load_friction(course: Course, joint: int, values: Mapping[str, float]) -> Array:
+    """Friction in proportion to the joint's load."""
     return values["coefficient"] * np.abs(course.load[:, joint]) * np.sign(course.dq[:, joint])
 
 
@@ -64,6 +67,7 @@ def lugre(course: Course, joint: int, values: Mapping[str, float]) -> Array:
 
 
 def tanh_coulomb(course: Course, joint: int, values: Mapping[str, float]) -> Array:
+    """Coulomb friction that turns over within a speed."""
     return values["torque"] * np.tanh(course.dq[:, joint] / values["width"])
 
 
@@ -86,6 +90,7 @@ def ripple(course: Course, joint: int, values: Mapping[str, float]) -> Array:
 
 
 def cubic_spring(course: Course, joint: int, values: Mapping[str, float]) -> Array:
+    """A spring that stiffens with the third power."""
     x = course.q[:, joint] - values["rest"]
     return values["stiffness"] * x + values["cubic"] * x**3
 
@@ -100,16 +105,19 @@ def two_joints(course: Course, joint: int, values: Mapping[str, float]) -> Array
 
 
 def own_coupling(course: Course, joint: int, values: Mapping[str, float]) -> Array:
+    """Friction of another joint's motion."""
     other = int(values["partner"])
     return values["viscous"] * course.dq[:, other] + values["coulomb"] * np.sign(course.dq[:, other])
 
 
 def drift(course: Course, joint: int, values: Mapping[str, float]) -> Array:
+    """Friction that grows over the run."""
     grown = 1.0 - np.exp(-(course.time - course.time[0]) / values["constant"])
     return np.asarray(values["torque"] * grown * np.sign(course.dq[:, joint]))
 
 
 def contact(course: Course, joint: int, values: Mapping[str, float]) -> Array:
+    """A push during part of the run."""
     time = course.time - course.time[0]
     return np.asarray(values["torque"] * ((time >= values["start"]) & (time <= values["end"])))
 

@@ -100,6 +100,7 @@ class DatasetResults:
 
     @property
     def n_joints(self) -> int:
+        """Number of joints."""
         return len(self.joint_names)
 
     @property

@@ -39,6 +39,7 @@ class Fit:
 
     @property
     def expression(self) -> sp.Expr:
+        """The sum as one expression."""
         return sp.Add(*(sp.Float(c) * b for c, b in zip(self.coefficients, self.bases, strict=True)))
 
 

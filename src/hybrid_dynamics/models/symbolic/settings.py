@@ -73,6 +73,7 @@ class SymbolicSettings:
 
     @property
     def polynomial(self) -> bool:
+        """True where the operators make polynomials only."""
         return all(name in POLYNOMIAL for name in self.operators)
 
 
@@ -103,6 +104,7 @@ class FrontRow:
     selected: bool
 
     def as_dict(self) -> dict[str, Any]:
+        """Settings as they stand in a model.json."""
         return asdict(self)
 
 

@@ -31,10 +31,12 @@ class JointTerms:
 
     @property
     def missing(self) -> tuple[str, ...]:
+        """True terms that were not found."""
         return tuple(term for term in self.truth if self.found is not None and term not in self.found)
 
     @property
     def extra(self) -> tuple[str, ...]:
+        """Terms that are not true."""
         return tuple(term for term in self.found or {} if term not in self.truth)
 
     @property

@@ -59,6 +59,7 @@ class DataSource:
         check_url(self.url(settings.files[0]))
 
     def url(self, file: SourceFile) -> str:
+        """Where the file is on the network."""
         repository, commit = self.place(file)
         return self.base_url.format(repository=repository, commit=commit, path=quote(file.path))
 
@@ -67,6 +68,7 @@ class DataSource:
         return file.repository or self.settings.repository, file.commit or self.settings.commit
 
     def raw_path(self, file: SourceFile) -> Path:
+        """Where the file is looked for first."""
         return self.raw_dir / self.place(file)[0] / file.path
 
     def locate(self, file: SourceFile, tried: list[str], kept: Path | None = None) -> Located | None:

@@ -40,9 +40,11 @@ class LoopModel(PythonModel):
     """Joint torque [N m] along a log."""
 
     def load_context(self, context: PythonModelContext) -> None:
+        """Read the model from MLflow's copy of its files."""
         self._model = load_model(context.artifacts["model"], Robot.from_urdf(context.artifacts["robot"]))
 
     def predict(self, context: PythonModelContext, model_input: pd.DataFrame, params: Any = None) -> pd.DataFrame:
+        """Torque for a table of motion."""
         return torque_frame(self._model, model_input)
 
 

@@ -31,9 +31,11 @@ class TorqueModel(PythonModel):
     """Joint torque [N m] from the 7 n features."""
 
     def load_context(self, context: PythonModelContext) -> None:
+        """Read the estimator from MLflow's copy of its files."""
         self._estimator = load(Path(context.artifacts["model"]))
 
     def predict(self, context: PythonModelContext, model_input: pd.DataFrame, params: Any = None) -> pd.DataFrame:
+        """Torque for a table of features."""
         return predict_frame(self._estimator, model_input)
 
 
