@@ -1,7 +1,10 @@
 """Single wrong samples, end to end: found is what the clean logs give (``python -m tests.glitch_sweep`` does all)."""
 
+import csv
+from pathlib import Path
+
 import pytest
-from tests.glitch_sweep import Case, closed, holds, logs, outcome
+from tests.glitch_sweep import Case, closed, holds, logs, outcome, summary
 
 import hybrid_dynamics.check.before_fit as before_fit
 
@@ -38,3 +41,10 @@ def test_without_the_search_for_them_they_would_be_named_or_hide_what_is_missing
     row = outcome(Case("tau", "train", "all", 1e-2, 30.0, 2), clean[False])
     assert not holds(row), row
     assert row["told"] == 0
+
+
+def test_the_page_says_what_the_table_says():
+    docs = Path(__file__).parents[1] / "docs"
+    rows = list(csv.DictReader((docs / "glitches.csv").open(encoding="utf-8")))
+    assert len(rows) >= 200
+    assert summary(rows) in " ".join((docs / "logs.md").read_text("utf-8").split())
