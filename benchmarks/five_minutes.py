@@ -24,9 +24,9 @@ from pathlib import Path
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.files import atomic_path
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
+from hybrid_dynamics.simulation.excitation import excitations
 
 #: Five minutes [s].
 GOAL = 300.0

@@ -10,8 +10,8 @@ import numpy as np
 
 from hybrid_dynamics import LoopSettings, Model, Robot, close_loop
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop_report import write_result
+from hybrid_dynamics.simulation.excitation import excitations
 
 # 1. A robot is a URDF. This one has two joints.
 URDF = """<robot name="arm">

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hybrid_dynamics import Robot
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.excitation import excitations
+from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.trajectory import Trajectory
 
 URDF = """<robot name="arm">

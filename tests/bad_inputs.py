@@ -28,8 +28,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.small_arm import HIDDEN, URDF, arm
 
 from hybrid_dynamics.cli import main
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.model import Model, save_model
+from hybrid_dynamics.simulation.excitation import excitations
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "bad_inputs.md"
 CLOSE = ("close-loop", "--robot", "robot.urdf", "--train", "bad.csv", "b.csv", "--test", "test.csv", "--out", "out")

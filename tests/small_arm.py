@@ -6,9 +6,9 @@ from pathlib import Path
 
 from examples.demo_arm import HIDDEN, URDF
 
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.trajectory import Trajectory
 
 __all__ = ["HIDDEN", "URDF", "arm", "runs", "write_folder", "write_logs"]

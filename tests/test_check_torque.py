@@ -5,8 +5,8 @@ import pytest
 
 from hybrid_dynamics.check.torque import check_torque
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.excitation import excitation
 from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")

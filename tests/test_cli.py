@@ -20,10 +20,10 @@ from hybrid_dynamics.cli import main
 from hybrid_dynamics.differentiate import DifferentiateSettings, differentiate_trajectory
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError, run_main
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.model import Model, save_model
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
+from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.study.layout import DatasetFiles
 from hybrid_dynamics.trajectory import Trajectory, read_trajectories, write_trajectories
 

@@ -15,8 +15,8 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.fleet import read_manifest, run_fleet
 from hybrid_dynamics.fleet import run as fleet_run
 from hybrid_dynamics.fleet.tables import CHANGE_COLUMNS, trends
-from hybrid_dynamics.loop.excitation import excitation
 from hybrid_dynamics.readers import write_log
+from hybrid_dynamics.simulation.excitation import excitation
 
 #: Viscous friction of the shoulder on four days [N m s/rad].
 GREASE = (1.0, 1.5, 2.0, 2.5)

@@ -11,10 +11,10 @@ import pytest
 
 from hybrid_dynamics.cli import main
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot, find_description, lock_joints
+from hybrid_dynamics.simulation.excitation import excitations
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 

@@ -9,9 +9,9 @@ from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.effects.inertia import to_body, to_dynamic
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
-from hybrid_dynamics.loop.excitation import excitation, excitations
 from hybrid_dynamics.loop_report.report import report_html
 from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitation, excitations
 
 SHORT = {"duration": 8.0}
 BODY = {

@@ -9,10 +9,10 @@ from scipy.optimize import minimize
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.sign import presliding_sign
 from hybrid_dynamics.loop import Model, close_loop
-from hybrid_dynamics.loop.excitation import excitation, excitations
 from hybrid_dynamics.loop.physics import physical_constraints
 from hybrid_dynamics.loop.solve import Constraints, solve
 from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitation, excitations
 from hybrid_dynamics.trajectory import Trajectory
 
 JOINT = ("panda_joint2",)

@@ -17,7 +17,6 @@ from tests.browser import look
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import close_loop
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.content import Content, Curve, read_content, write_content
 from hybrid_dynamics.loop_report.gather import gather
@@ -25,6 +24,7 @@ from hybrid_dynamics.loop_report.plots import drawn, law_of
 from hybrid_dynamics.loop_report.report import content_html
 from hybrid_dynamics.loop_report.templates import KEPT, library, template
 from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitations
 
 COULOMB, ARMATURE = 1.5, 0.3
 

@@ -13,9 +13,9 @@ from hybrid_dynamics.loop import LoopSettings, Model, ProcessSettings, process
 from hybrid_dynamics.loop.augment import effects_of, refit
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
 from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.trajectory import Trajectory
 
 

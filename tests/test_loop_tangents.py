@@ -9,9 +9,9 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.excitation import excitation
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.loop.tangents import covariance_with_settings
+from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = two_links()

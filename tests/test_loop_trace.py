@@ -11,7 +11,6 @@ from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, to_body, to_dynamic
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.blocks import Blocks, Folds
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.gram import BlockGrams
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.layout import Layout
@@ -20,6 +19,7 @@ from hybrid_dynamics.loop.process import process
 from hybrid_dynamics.loop.search import _replace, search
 from hybrid_dynamics.loop.trace import Judge, rank
 from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitations
 
 VISCOUS, CURVED = Term("viscous_friction", 0), Term("nonlinear_viscous_friction", 0)
 OTHER = Term("coulomb_friction", 1)

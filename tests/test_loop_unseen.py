@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop import LoopResult, close_loop
-from hybrid_dynamics.loop.excitation import excitation, excitations
 from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitation, excitations
 from hybrid_dynamics.trajectory import Trajectory
 
 BODY = {

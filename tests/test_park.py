@@ -14,10 +14,10 @@ from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.files import write_json, write_text
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.diagnosis import predict_run
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.loop.model import effect_to_json
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.study.layout import AddedFiles, DatasetFiles
 from hybrid_dynamics.study.park import AddedSettings, ParkSettings, add_effects, draw_added, generate_added, score_added
 from hybrid_dynamics.study.park.added import COLUMNS as ADDED_COLUMNS

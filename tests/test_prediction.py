@@ -7,11 +7,11 @@ from tests.two_links import EFFECTS, two_links
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop.excitation import excitation
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.prediction import predict
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.loop.uncertainty import Uncertainty, correlation_of
+from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 from tests.small_arm import write_folder
 
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop.excitation import excitations
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.simulation.excitation import excitations
 
 URDF = """<robot name="two_links"><link name="base"/>
 <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="3"/>
