@@ -28,7 +28,7 @@ from hybrid_dynamics.types import Progress
 
 @dataclass(frozen=True)
 class LoopResult:
-    """``model``: the completed one, without what the test runs contradict; ``found``: with it; ``stages``: the start,
+    """``model``: the completed one, without what the test runs contradict; ``found``: with it; ``models``: the start,
     then after each named effect; ``steps``: the evidence; ``floor``: noise and alarm of every joint.
 
     >>> from hybrid_dynamics import LoopSettings, Robot, close_loop, read_log
@@ -36,7 +36,7 @@ class LoopResult:
     >>> train = [read_log("train_1.parquet", robot.joint_names)]
     >>> friction = LoopSettings(effects=("viscous_friction", "coulomb_friction"))
     >>> result = close_loop(robot, train, [], friction)  # without a test run the end of the training run is held out
-    >>> len(result.stages) == 1 + len(result.model.effects), len(result.test)
+    >>> len(result.models) == 1 + len(result.model.effects), len(result.test)
     (True, 1)
     """
 
@@ -44,7 +44,7 @@ class LoopResult:
     found: Model
     diagnosis: Diagnosis
     steps: tuple[Step, ...]
-    stages: tuple[Model, ...]
+    models: tuple[Model, ...]
     train: tuple[Run, ...]
     test: tuple[Run, ...]
     floor: Floor
@@ -119,7 +119,7 @@ def _close(
 
     progress(0.9, "describing what is left")
     notes = [*plausible.notes, *logs.notes, *notes, *found.notes]
-    diagnosis, stages = describe_result(judge, base, terms, found, full, said, floor, logs, notes)
+    diagnosis, models = describe_result(judge, base, terms, found, full, said, floor, logs, notes)
     after = diagnosis.error_moving["test"].after_confirmed
     assert after is not None
     progress(1.0, "done")
@@ -128,7 +128,7 @@ def _close(
         full,
         diagnosis,
         tuple(found.steps),
-        tuple(stages),
+        tuple(models),
         tuple(logs.train),
         tuple(logs.test),
         floor,

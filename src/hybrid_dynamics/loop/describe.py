@@ -37,9 +37,9 @@ def describe_result(
     alternatives = indistinguishable(judge, found.terms, terms)
     disagreeing = inconsistent(judge, found.terms, found.x, found.inconsistent)
     open_parameters = {s: undetermined(evidence, found.terms, s) for s in found.terms}
-    stages = [base, *(found.model(found.terms[: k + 1], False) for k in range(len(found.terms)))]
-    stages[-1] = full
-    rms = [moving_rms(m, logs.test) for m in stages]
+    models = [base, *(found.model(found.terms[: k + 1], False) for k in range(len(found.terms)))]
+    models[-1] = full
+    rms = [moving_rms(m, logs.test) for m in models]
     outside = extrapolation(robot.joint_names, logs.train, logs.test)
     lines: list[str] = []
     entries = []
@@ -95,7 +95,7 @@ def describe_result(
         ],
         "notes": [*notes, *lines],
     }
-    return Diagnosis.from_json(rounded(diagnosis)), stages
+    return Diagnosis.from_json(rounded(diagnosis)), models
 
 
 def _unexplained(robot: Robot, model: Model, logs: Logs, judge: Judge, floor: Floor, joint: int) -> dict[str, Any]:

@@ -67,7 +67,7 @@ def diagnosis_of(result: LoopResult) -> dict[str, Any]:
 def _groups(result: LoopResult, diagnosis: dict[str, Any]) -> list[Group]:
     """Effects per place and kind, joints in the robot's order, whole-robot effects last."""
     entries = diagnosis["effects"]
-    active = {_key(e.effect, e.joints, e.settings): e for e in result.model.effects[len(result.stages[0].effects) :]}
+    active = {_key(e.effect, e.joints, e.settings): e for e in result.model.effects[len(result.models[0].effects) :]}
     members: dict[tuple[int, int, str], list[int]] = {}
     names = list(diagnosis["joints"])
     for k, entry in enumerate(entries):
@@ -158,7 +158,7 @@ def _traces(result: LoopResult) -> list[Trace]:
     names = result.model.robot.joint_names
     out = []
     for run in result.test[:TRACE_RUNS]:
-        before, after = (predict_run(model, run) for model in (result.stages[0], result.model))
+        before, after = (predict_run(model, run) for model in (result.models[0], result.model))
         thin = slice(None, None, max(-(-len(run.time) // TRACE_POINTS), 1))
         time = _numbers((run.time - run.time[0])[thin])
         for j, name in enumerate(names):

@@ -21,7 +21,7 @@ def step_table(result: LoopResult, dataset: str, provenance: str) -> pd.DataFram
         parts += [*((split, run.name, [run]) for run in own), (split, POOL, list(own))]
     rows: list[dict[str, Any]] = []
     for split, trajectory, runs in parts:
-        errors = [errors_of(model, runs)["rmse"] for model in result.stages]
+        errors = [errors_of(model, runs)["rmse"] for model in result.models]
         for step, ((before, after), effect) in enumerate(zip(pairwise(errors), named, strict=True), 1):
             rows += [
                 {
