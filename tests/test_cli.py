@@ -76,7 +76,7 @@ IMPORT = ("import", "--robot", "robot.urdf", "--data", "run.parquet", "--out")
 
 def test_predict_needs_no_torque(here):
     log = pd.read_parquet("run.parquet")
-    torque = [name for name in log if name.startswith("tau")]
+    torque = [name for name in log if name.startswith("tau")]  # type: ignore[attr-defined]
     log.drop(columns=torque).to_csv("motion.csv", index=False)
     assert run(*PREDICT, "full.parquet") == 0
     assert run(*PREDICT[:-3], "--data", "motion.csv", "--out", "motion.parquet") == 0
@@ -98,7 +98,7 @@ def test_predict_reads_logs_in_another_form(here):
     Path("log.yaml").write_text("columns: {time: ms, tau: 'trq_{i}'}\ngear_ratio: -100\nmotor_side: [q, tau]\n")
     form = ("--log", "log.yaml", "--columns", "q=pos_{i}", "--units", "deg,ms")
     assert run(*PREDICT[:-3], "--data", "other.csv.gz", *form, "--out", "other.parquet") == 0
-    log[["time", *(c for c in log if c.startswith(("q", "tau")))]].to_csv("plain.csv", index=False)
+    log[["time", *(c for c in log if c.startswith(("q", "tau")))]].to_csv("plain.csv", index=False)  # type: ignore[attr-defined]
     assert run(*PREDICT[:-3], "--data", "plain.csv", "--out", "plain.parquet") == 0
     given, plain = (pq.read_table(f"{name}.parquet").to_pandas() for name in ("other", "plain"))
     np.testing.assert_allclose(given.to_numpy(), plain.to_numpy(), atol=1e-5, equal_nan=True)

@@ -71,7 +71,7 @@ def test_help_and_version_come_without_the_libraries():
 def test_every_command_has_the_common_options_and_an_example(capsys):
     (commands,) = (a for a in build_parser()._actions if hasattr(a, "choices") and a.choices)
     assert len(commands.choices) >= 4
-    for name, parser in commands.choices.items():
+    for name, parser in commands.choices.items():  # type: ignore[union-attr]
         text = parser.format_help()
         for option in ("--json", "--quiet", "--version", "--config"):
             assert option in text, (name, option)
@@ -133,7 +133,7 @@ def test_predict_writes_by_name_with_parts_band_and_error(here):
     table, log = pd.read_csv("p.csv"), pd.read_parquet("test_1.parquet")
     pd.testing.assert_frame_equal(table, pd.read_parquet("p.parquet"))
     np.testing.assert_allclose(table["time"], log["time"], atol=1e-12)
-    parts = [name for name in table if name.startswith("tau1_")]
+    parts = [name for name in table if name.startswith("tau1_")]  # type: ignore[attr-defined]
     assert parts == ["tau1_rigid_body", "tau1_viscous_friction"]
     np.testing.assert_allclose(table[parts].sum(axis=1), table["tau1"], atol=1e-9)
     inside = np.abs(table["error1"]) < 3 * table["tau_std1"]
@@ -155,7 +155,7 @@ def test_glitches_in_a_log_do_not_ruin_its_prediction(here, tmp_path, capsys, un
     """1 % of all samples at 1000 times the signal: error, parts and band of the clean log; number and size told."""
     log = pd.read_parquet("test_1.parquet")
     if uneven:
-        log = log.drop(index=np.random.default_rng(3).choice(len(log), 40, replace=False)).reset_index(drop=True)
+        log = log.drop(index=np.random.default_rng(3).choice(len(log), 40, replace=False)).reset_index(drop=True)  # type: ignore[call-overload]
     bad = spoilt(log, ["q1", "q2", "tau1", "tau2"], 0.01, 1000.0)
     found = {}
     for name, frame in (("clean", log), ("bad", bad)):

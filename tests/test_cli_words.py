@@ -157,7 +157,7 @@ def test_the_same_doubt_on_several_joints_is_one_line():
     value |= {"cannot_tell": [True, True], "verdict": "partly_explained"}
     value["unexplained"] = [{"joint": j, "share_of_residual_variance": 0.7, "expression": "0"} for j in ("a", "b")]
     value["extrapolation"] = [{"joint": "a", "variable": "dq", "share_outside": 0.25}]
-    told = [line for line in details(value) if not line.startswith("cannot be told apart")]
+    told = [line for line in details(value) if not line.startswith("cannot be told apart")]  # type: ignore[assignment]
     assert told[0].startswith("cannot be told: a, b: what is left changes slowly")
     assert told[1].startswith("the test motion leaves the training range: 25% of dq of a;")
     # The diagnosis says it again in its notes; the console once. Its words are those that are looked for.

@@ -114,4 +114,4 @@ def test_a_setting_can_be_overridden_in_an_experiment(tmp_path, override):
     name, _, text = override.partition("=")
     for key in name.split("."):
         value = value[key]
-    assert value == float(text)
+    assert value == float(text)  # type: ignore[comparison-overlap]

@@ -92,7 +92,7 @@ def test_nothing_is_delayed(name):
     options = {method.parameter: STRONG[name]}
     forward, backward = method(x, DT, **options)[1], method(x[::-1], DT, **options)[1][::-1]
     inner = slice(500, -500)
-    np.testing.assert_allclose(forward[inner], -backward[inner], atol=1e-5 * np.std(forward))
+    np.testing.assert_allclose(forward[inner], -backward[inner], atol=1e-5 * np.std(forward))  # type: ignore[call-overload]
 
 
 @pytest.mark.parametrize("name", LINEAR)
@@ -102,7 +102,7 @@ def test_response_is_as_stated(name, frequency):
     wave = np.exp(2j * np.pi * frequency * DT * np.arange(4000))
     rate = method.column(wave.real, DT, STRONG[name])[1] + 1j * method.column(wave.imag, DT, STRONG[name])[1]
     measured = (rate / (2j * np.pi * frequency * wave))[1500:-1500]
-    stated = float(method.response(np.array([frequency]), DT, STRONG[name])[0])
+    stated = float(method.response(np.array([frequency]), DT, STRONG[name])[0])  # type: ignore[misc]
     np.testing.assert_allclose(measured, stated, atol=1e-6)
 
 

@@ -120,7 +120,7 @@ def torque_of_columns(effect: Effect, robot: Robot, states) -> np.ndarray:
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
 def test_columns_times_coordinates_is_the_torque_the_planted_robot_needs(name, panda, states):
     effect = EXAMPLES[name]
-    added = predict(panda, [effect], *states, TIME) - panda.inverse_dynamics(*states)
+    added = predict(panda, [effect], *states, TIME) - panda.inverse_dynamics(*states)  # type: ignore[call-arg]
     assert np.abs(added).max() > 1e-5
     # Small shifts of a centre of mass, a zero or a clock are linear to first order only: about 1e-3 is left here.
     tolerance = 1e-2 if family(effect.effect).nonlinear else 1e-9
@@ -225,7 +225,7 @@ def test_a_tilt_by_any_angle_is_found_exactly_and_two_tilts_are_one(panda, state
     x = np.linalg.lstsq(columns, missing, rcond=None)[0]
     assert kind.parameters_of(x, started, term) == pytest.approx({"roll": roll, "pitch": pitch}, abs=1e-6)
     # The truth lies on the surface that keeps gravity's size; more of the same direction does not.
-    normal, value = kind.surface(x, started, term)
+    normal, value = kind.surface(x, started, term)  # type: ignore[misc]
     assert normal @ x == pytest.approx(value, abs=1e-6)
     assert normal @ (x + 0.1 * normal) - value == pytest.approx(0.1, abs=1e-6)
 
@@ -268,7 +268,7 @@ def test_json_gives_the_same_effect_back(name):
     effect = Effect(effect.effect, effect.joints, effect.parameters, effect.settings, errors)
     entry = effect_to_json(effect)
     assert effect_from_json(json.loads(json.dumps(entry))) == effect
-    own = list(effect.joints) or [None]
+    own = list(effect.joints) or [None]  # type: ignore[list-item]
     names = [p["name"] for p in entry["parameters"]]
     if name == "inertial_parameters":
         assert {p["joint"] for p in entry["parameters"]} == {"panda_joint2", "panda_joint7"}

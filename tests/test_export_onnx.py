@@ -26,7 +26,7 @@ def network():
 
 
 def evaluated(path, X):
-    return ReferenceEvaluator(str(path)).run(["tau"], {"X": X})[0]
+    return ReferenceEvaluator(str(path)).run(["tau"], {"X": X})[0]  # type: ignore[index]
 
 
 @pytest.mark.parametrize("method", ["nn", "r_nn"])

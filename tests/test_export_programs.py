@@ -133,7 +133,7 @@ def test_deviation_is_that_of_the_parameters(robot):
                 moved = Effect(effect.effect, effect.joints, values, effect.settings)
                 sides.append(Model(robot, (*effects[:k], moved, *effects[k + 1 :])).predict(q, dq, ddq))
             changes.append((sides[0] - sides[1]) / 2e-4)
-    changes = np.array(changes)
+    changes = np.array(changes)  # type: ignore[assignment]
     left = np.array([0.1, 0.2, 0.0])
     rng = np.random.default_rng(0)
     root = rng.normal(size=(len(changes), len(changes)))

@@ -44,9 +44,9 @@ def test_residual_holds_friction_alone_and_the_torque_does_not(data):
     X, y = data
     factor = factorize(X, y, SindySettings())
     residual = fit_factor("r_sindy", None, factor)
-    assert [str(e.free_symbols) for e in residual.residual.expressions()] == ["{dq1}", "{dq2}"]
+    assert [str(e.free_symbols) for e in residual.residual.expressions()] == ["{dq1}", "{dq2}"]  # type: ignore[attr-defined]
     whole = fit_factor("sindy", None, factor)
-    assert len(whole.expressions()[0].free_symbols) == 4
+    assert len(whole.expressions()[0].free_symbols) == 4  # type: ignore[index]
 
 
 def test_files_in_parts_give_the_factor_of_the_whole(data, tmp_path):
@@ -65,7 +65,7 @@ def test_files_in_parts_give_the_factor_of_the_whole(data, tmp_path):
 
 
 def test_factor_survives_the_disk(data, tmp_path):
-    factor = factorize(*data, SindySettings())
+    factor = factorize(*data, SindySettings())  # type: ignore[call-arg]
     factor.save(tmp_path / "f.safetensors")
     back = Factor.load(tmp_path / "f.safetensors")
     np.testing.assert_array_equal(back.theta, factor.theta)
@@ -79,4 +79,4 @@ def test_missing_or_damaged_file_and_wrong_method_are_named(data, tmp_path):
     with pytest.raises(InputError, match="not a readable factor"):
         Factor.load(tmp_path / "bad")
     with pytest.raises(ConfigError, match="expected a SINDy method"):
-        fit_factor("r_nn", None, factorize(*data, SindySettings()))
+        fit_factor("r_nn", None, factorize(*data, SindySettings()))  # type: ignore[call-arg]

@@ -105,7 +105,7 @@ def test_friction_that_would_drive_at_a_speed_seen_is_held_back():
     assert (rows @ free).min() < -1.0
     x = solve(a, b, limits)
     assert (rows @ x).min() >= 0
-    reference = minimize(
+    reference = minimize(  # type: ignore[call-overload]
         lambda y: np.mean((columns @ y - target) ** 2),
         np.ones(3),
         constraints=[{"type": "ineq", "fun": lambda y: rows @ y}, {"type": "ineq", "fun": lambda y: y[:1]}],

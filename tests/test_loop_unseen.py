@@ -87,7 +87,7 @@ def test_friction_and_a_payload_are_named_from_one_run_of_five_seconds(panda):
     assert {("viscous_friction", ("panda_joint2",)), ("coulomb_friction", ("panda_joint2",))} <= named(result)
     assert named(result) <= {(e.effect, e.joints) for e in effects}
     error = result.diagnosis.error["test"]
-    assert error.after.relative_error < 0.3 * error.before.relative_error
+    assert error.after.relative_error < 0.3 * error.before.relative_error  # type: ignore[operator]
 
 
 def test_a_name_that_the_test_runs_contradict_is_said_kept_inactive_and_left_out_of_the_model(panda, tmp_path):

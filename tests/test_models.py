@@ -82,15 +82,15 @@ def test_a_wrong_structure_is_not_found(arm):
     X, _ = arm
     y = RigidBody().predict(X) + DAMPING * X[:, [3, 2]]
     model = build_estimator("r_sindy_scaled", QUICK).fit(X, y)
-    assert [str(e.free_symbols) for e in model.expressions()] == ["{dq2}", "{dq1}"]
+    assert [str(e.free_symbols) for e in model.expressions()] == ["{dq2}", "{dq1}"]  # type: ignore[union-attr]
 
 
 def test_fitted_base_is_not_fitted_again(arm):
     X, y = arm
     base = build_estimator("r_sindy_scaled", QUICK).fit(X, y)
-    before = base.residual.coef_
+    before = base.residual.coef_  # type: ignore[attr-defined]
     model = build_estimator("r_sindy_sr", QUICK, base=base).fit(X, y)
-    assert base.residual.coef_ is before
+    assert base.residual.coef_ is before  # type: ignore[attr-defined]
     again = build_estimator("r_sindy_sr", QUICK).fit(X, y)
     np.testing.assert_array_equal(model.predict(X), again.predict(X))
 
@@ -202,7 +202,7 @@ def test_settings_out_of_range_are_refused(make):
 
 def test_symbols_are_plain(arm):
     X, y = arm
-    for expression in build_estimator("r_sr", QUICK).fit(X, y).expressions():
+    for expression in build_estimator("r_sr", QUICK).fit(X, y).expressions():  # type: ignore[union-attr]
         assert all(symbol == sp.Symbol(symbol.name) for symbol in expression.free_symbols)
 
 

@@ -66,4 +66,4 @@ def test_control_without_damping_nothing_is_left_to_learn(panda):
     assert small[:4].all()
     hybrid = HybridEstimator(RigidBody(), SymbolicEstimator(SymbolicSettings(max_rounds=1, evaluations=2000)))
     hybrid.fit(X, undamped)
-    assert all(e == 0 for e, below in zip(hybrid.residual.expressions_, small, strict=True) if below)
+    assert all(e == 0 for e, below in zip(hybrid.residual.expressions_, small, strict=True) if below)  # type: ignore[attr-defined]

@@ -99,11 +99,11 @@ def test_scaled_residual_is_judged_by_the_whole_torque():
     y = y - 0.3 * X[:, :1] * X[:, 1:2]
     structured = 2e-4 * y.std() * np.sin(37.0 * np.linspace(0, 40, len(y)))[:, None]
     hybrid = HybridEstimator(RigidBody(), SindyEstimator(SindySettings(scaled=True, threshold=1e-3)))
-    coefficients = hybrid.fit(X, y + structured).residual.coef_[0]
-    assert [hybrid.residual.term_names()[k] for k in np.flatnonzero(coefficients)] == ["dq1"]
+    coefficients = hybrid.fit(X, y + structured).residual.coef_[0]  # type: ignore[attr-defined]
+    assert [hybrid.residual.term_names()[k] for k in np.flatnonzero(coefficients)] == ["dq1"]  # type: ignore[attr-defined]
     nothing = HybridEstimator(RigidBody(), SindyEstimator(SindySettings(scaled=True, threshold=1e-3)))
     nothing.fit(X, RigidBody().predict(X) + structured)
-    assert not nothing.residual.coef_.any()
+    assert not nothing.residual.coef_.any()  # type: ignore[attr-defined]
     assert not nothing.residual.predict(X).any()
 
 

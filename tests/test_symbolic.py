@@ -278,7 +278,7 @@ def test_the_first_stage_stops_where_julia_is_missing(no_julia, monkeypatch, cap
 
 def test_pysr_knows_the_options_it_is_given():
     """Read from PySR's source, because importing it starts Julia."""
-    source = Path(find_spec("pysr").origin).with_name("sr.py").read_text()
+    source = Path(find_spec("pysr").origin).with_name("sr.py").read_text()  # type: ignore[union-attr]
     regressor = next(n for n in ast.parse(source).body if isinstance(n, ast.ClassDef) and n.name == "PySRRegressor")
     methods = {n.name: n.args for n in regressor.body if isinstance(n, ast.FunctionDef)}
     known = {a.arg for a in (*methods["__init__"].args, *methods["__init__"].kwonlyargs)}
