@@ -1,6 +1,7 @@
 """The loop's parts: processing, constrained least squares, model.json."""
 
 import json
+import sys
 
 import numpy as np
 import pinocchio as pin
@@ -145,3 +146,13 @@ def test_a_tilt_beside_free_inertias_keeps_the_size_of_gravity(panda):
     for run, left in zip(runs, linear, strict=True):
         exact = run.tau - predict_run(model, run)
         assert np.all(np.std(exact, axis=0) <= 1.05 * np.std(left, axis=0))
+
+
+@pytest.mark.parametrize("rate", [50.0, 333.0, 500.0])
+def test_a_run_smoothed_piece_by_piece_is_the_run_smoothed_at_once(rate, panda, monkeypatch):
+    monkeypatch.setattr(sys.modules["hybrid_dynamics.loop.process"], "PIECE", 50)
+    run = process(_sines(rate), panda, ProcessSettings())
+    pieces = list(run.pieces())
+    assert len(pieces) > 1
+    found = np.concatenate([run.smooth(run.motion.ddq[states]) for _, states in pieces])
+    np.testing.assert_array_equal(found, run.ddq)

@@ -186,6 +186,8 @@ class Family(ABC):
     turns_sign: ClassVar[bool] = False
     #: True where the effect changes the rigid body.
     changes_body: ClassVar[bool] = False
+    #: True where the columns are constants times ``Motion.regressor``: smoothed once, it serves all such effects.
+    by_regressor: ClassVar[bool] = False
     #: The variable a residual is drawn against so that the effect shows.
     drawn_against: ClassVar[Variable] = "dq"
     #: What motion shows this effect as itself (one clause, follows "a motion in which").

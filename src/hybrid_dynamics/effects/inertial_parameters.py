@@ -54,6 +54,7 @@ class InertialParameters(Family):
     is_body = True
     contains = ("link_inertia", "link_mass", "link_com")
     changes_body = True
+    by_regressor = True
     searched = True
     drawn_against = "time"
     shown_by = "all joints move together through many postures and accelerate hard in them"

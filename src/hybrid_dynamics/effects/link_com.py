@@ -36,6 +36,7 @@ class LinkCom(Family):
     size = 3
     nonlinear = True
     changes_body = True
+    by_regressor = True
     searched = False
     drawn_against = "time"
     shown_by = "the joints before that link hold it at rest in many orientations"

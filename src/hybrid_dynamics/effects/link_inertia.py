@@ -37,6 +37,7 @@ class LinkInertia(Family):
     is_body = True
     contains = ("link_mass", "link_com")
     changes_body = True
+    by_regressor = True
     drawn_against = "time"
     shown_by = "the joint of that link and those before it accelerate together in many postures"
     equivalent_to = (

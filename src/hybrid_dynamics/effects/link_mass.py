@@ -29,6 +29,7 @@ class LinkMass(Family):
     equation = r"\tau = Y_i(q, \dot q, \ddot q)\,\pi_i^\text{URDF}\,(m_i / m_i^\text{URDF} - 1)"
     parameters = (Parameter("mass", "kg"),)
     changes_body = True
+    by_regressor = True
     searched = False
     drawn_against = "time"
     shown_by = "the joints before that link carry it at rest and accelerate it in many postures"

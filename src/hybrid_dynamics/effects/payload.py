@@ -23,6 +23,7 @@ class Payload(Family):
     size = 10
     is_body = True
     changes_body = True
+    by_regressor = True
     detachable = True
     drawn_against = "time"
     shown_by = "the wrist turns through many orientations at rest and then accelerates in each of them"

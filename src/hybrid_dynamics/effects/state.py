@@ -99,7 +99,8 @@ class Motion:
 
     ``given_load`` (T, n) [N m] replaces the robot's own rigid-body torque where the model has changed it;
     ``given_torque`` (T, n) [N m] is the torque of the whole model (rigid body and effects, without those that only
-    change what is read), for effects with ``uses_torque``.
+    change what is read), for effects with ``uses_torque``. ``given_regressor`` (K, n, 10 n) is the inertial regressor
+    after smoothing, for effects with ``by_regressor``.
     """
 
     robot: Robot
@@ -109,6 +110,7 @@ class Motion:
     ddq: Array
     given_load: Array | None = None
     given_torque: Array | None = None
+    given_regressor: Array | None = None
 
     @cached_property
     def load(self) -> Array:
@@ -125,6 +127,8 @@ class Motion:
     @cached_property
     def regressor(self) -> Array:
         """Inertial regressor (T, n, 10 n), see :meth:`Robot.regressor`."""
+        if self.given_regressor is not None:
+            return self.given_regressor
         return self.robot.regressor(self.q, self.dq, self.ddq)
 
     def state(self, joint: int, partner: int | None = None, load: bool = False) -> State:

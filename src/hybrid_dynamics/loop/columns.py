@@ -57,11 +57,14 @@ class Columns:
 
     def add(self, terms: Sequence[Term]) -> list[int]:
         """Compute and append the columns of ``terms`` (those not there yet); returns the joints that have new ones."""
+        motions = [run.motion for run in self.runs]
+        if any(term.family().by_regressor for term in terms if term not in self):
+            motions = [self._with_regressor(run) for run in self.runs]
         new: list[list[list[Array]]] = [[[] for _ in range(self.n)] for _ in self.runs]
         for term in terms:
             if term in self._where:
                 continue
-            parts = self._smoothed(term, [run.motion for run in self.runs])
+            parts = self._smoothed(term, motions)
             only = dict(term.settings).get(ONLY_RUN)
             if only is not None:
                 parts = [p if run.name == only else np.zeros_like(p) for p, run in zip(parts, self.runs, strict=True)]
@@ -105,11 +108,29 @@ class Columns:
         out = []
         for run, motion in zip(self.runs, motions, strict=True):
             columns = term.family().columns(motion, term)
+            if term.family().by_regressor:
+                out.append(columns)
+                continue
             if self.base_follows_load and term.family().changes_body:
                 share = 1.0 + self.base.load_derivative(motion.q, motion.dq, motion.ddq)
                 columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [term.index]])
             out.append(run.smooth(columns))
         return out
+
+    def _with_regressor(self, run: Run) -> Motion:
+        """Motion of ``run`` with its smoothed regressor, and in that what the starting model makes of a load.
+
+        Computed piece by piece: at the rate of the log, and once for every term, it would be most of the memory.
+        """
+        whole = run.motion
+        share = None
+        if self.base_follows_load:
+            share = 1.0 + self.base.load_derivative(whole.q, whole.dq, whole.ddq)[:, :, None]
+        out = np.empty((len(run.time), self.n, 10 * self.n))
+        for rows, states in run.pieces():
+            part = whole.robot.regressor(whole.q[states], whole.dq[states], whole.ddq[states])
+            out[rows] = run.smooth(part if share is None else part * share[states])
+        return replace(whole, given_regressor=out)
 
     def renew(self, effects: Sequence[Effect], terms: Sequence[Term]) -> dict[int, Indices]:
         """Compute the columns of ``terms`` that follow the load or the model's torque anew, with ``effects`` added.

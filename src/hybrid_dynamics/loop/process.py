@@ -8,7 +8,7 @@ of the motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,9 @@ from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
+
+#: States of which wide columns are computed at once: a run of an hour takes no more memory than a minute.
+PIECE = 4096
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ class ProcessSettings:
 class Run:
     """One processed run. ``motion`` holds M states; ``time`` (K,), ``q dq ddq tau`` (K, n) are smoothed, decimated.
 
-    ``mask`` (K, n) is true where the joint moves over the whole filter window. ``smooth`` maps (M, ...) to (K, ...).
+    ``mask`` (K, n) is true where the joint moves over the whole filter window. ``smooth`` maps (M, ...) to (K, ...);
+    a row of its result is made of ``window`` states, the next one of those ``every`` later.
     """
 
     name: str
@@ -62,6 +66,15 @@ class Run:
     mask: NDArray[np.bool_]
     smooth: Callable[[Array], Array]
     cutoff: float
+    window: int
+    every: int
+
+    def pieces(self) -> Iterator[tuple[slice, slice]]:
+        """Rows of :attr:`smooth`'s result and the states they are made of, some thousand states at a time."""
+        rows = max(PIECE // self.every, 1)
+        for first in range(0, len(self.time), rows):
+            last = min(first + rows, len(self.time)) - 1
+            yield slice(first, last + 1), slice(first * self.every, last * self.every + self.window)
 
 
 def derivative(x: Array, dt: float) -> Array:
@@ -118,6 +131,7 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
     first = trim + edge * step
 
     def smooth(x: Array) -> Array:
+        rows = len(range(edge, len(x) - edge, keep))
         filtered = upfirdn(coarse, x, up=1, down=1, axis=0) if keep == 1 else None
         if filtered is None:
             # Shift so that the first kept output is the one centred on sample `edge`.
@@ -125,8 +139,8 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
             start = (2 * edge) // keep
             padded = np.concatenate([np.zeros(((keep - shift) % keep, *x.shape[1:])), x]) if shift else x
             start += 1 if shift else 0
-            return np.asarray(upfirdn(coarse, padded, up=1, down=keep, axis=0))[start : start + count]
-        return np.asarray(filtered)[2 * edge : 2 * edge + count]
+            return np.asarray(upfirdn(coarse, padded, up=1, down=keep, axis=0))[start : start + rows]
+        return np.asarray(filtered)[2 * edge : 2 * edge + rows]
 
     torque = np.asarray(upfirdn(kernel, trajectory["tau"], axis=0))[half : half + len(q)]
     rows = first + keep * step * np.arange(count)
@@ -144,6 +158,8 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
         mask=mask[rows - trim],
         smooth=smooth,
         cutoff=cutoff,
+        window=2 * edge + 1,
+        every=keep,
     )
 
 
