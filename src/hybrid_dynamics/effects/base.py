@@ -164,6 +164,9 @@ class Family(ABC):
     contains: ClassVar[tuple[str, ...]] = ()
     #: A body that may be put on and taken off: its mass is what a reader asks for.
     detachable: ClassVar[bool] = False
+    #: Plain effects of the joints that it acts on: it is named for what it explains beside them, since a law that
+    #: several joints share can stand for what each of them has on its own.
+    beside: ClassVar[tuple[str, ...]] = ()
     #: True where every joint of a real arm may well have it: a search that starts from everything starts with these.
     everywhere: ClassVar[bool] = False
     #: Coordinates are ten inertial parameters a body: many free numbers that can imitate simpler effects.

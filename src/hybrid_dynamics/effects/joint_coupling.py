@@ -43,6 +43,7 @@ class JointCoupling(Family):
     )
     size = 3
     searched = False
+    beside = ("viscous_friction", "coulomb_friction", "armature")
     several = True
     drawn_against = "dq"
     shown_by = "the joint rests while its partner moves, and the other way round"

@@ -57,7 +57,8 @@ class TorqueGain(Family):
         return motion.torque[:, [term.joint]]
 
     def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
-        return np.array([-0.95])
+        # Below one half it is no gain of a sensor but a wrong unit or gear, which a check of the log tells.
+        return np.array([-0.5])
 
     def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.ones(1)

@@ -13,6 +13,9 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.types import Array
 
+#: A Gauss-Newton step is halved so often at most, and the last where the error falls by no more than this share.
+HALVINGS, SETTLED = 6, 1e-6
+
 
 def effects_of(evidence: Evidence, terms: Sequence[Term], x: Array, covariance: Array | None = None) -> list[Effect]:
     """Coordinates ``x`` as effects with published parameters and their standard errors.
@@ -54,16 +57,46 @@ def refit(evidence: Evidence, terms: Sequence[Term], rounds: int = 3, everything
     if not nonlinear:
         evidence.reset()
     x = evidence.fit(terms)
-    if nonlinear or any(s in terms for s in following):
+    own = [s for s in following if s in terms]
+    if nonlinear:
+        x = _descend(evidence, terms, own, x, rounds)
+    elif own:
         for _ in range(rounds):
-            effects = effects_of(evidence, terms, x)
-            evidence.renew(effects, [s for s in following if s in terms])
-            if nonlinear:
-                evidence.relinearise(effects, terms, x)
+            evidence.renew(effects_of(evidence, terms, x), own)
             x = evidence.fit(terms)
     if everything and following:
         evidence.renew(effects_of(evidence, terms, x), [s for s in following if s not in terms])
     return x
+
+
+def _descend(evidence: Evidence, terms: Sequence[Term], own: Sequence[Term], x: Array, rounds: int) -> Array:
+    """Gauss-Newton from ``x``, where a step that makes the training error of the whole model larger is halved.
+
+    The linear problem is left exact at the coordinates that are returned.
+    """
+
+    def exact(x: Array) -> float:
+        effects = effects_of(evidence, terms, x)
+        evidence.renew(effects, own)
+        evidence.relinearise(effects, terms, x)
+        return evidence.squared_error(terms, x)
+
+    best, error = x, exact(x)
+    for _ in range(rounds):
+        step = evidence.fit(terms) - best
+        for _ in range(HALVINGS):
+            trial = exact(best + step)
+            if trial <= error:
+                break
+            step = step / 2
+        else:
+            exact(best)
+            break
+        settled = trial > (1 - SETTLED) * error
+        best, error = best + step, trial
+        if settled:
+            break
+    return best
 
 
 def model_of(evidence: Evidence, terms: Sequence[Term], covariance: bool = True) -> Model:

@@ -16,11 +16,11 @@ from hybrid_dynamics.loop.settings import LoopSettings
 Indices = NDArray[np.int_]
 
 #: A block lasts at least this many windows of the filter.
-BLOCK_WINDOWS = 4.0
+BLOCK_WINDOWS = 2.0
 #: Share of a joint's moving rows in one run beyond which runs cannot stand in for each other.
 MOST_IN_ONE = 0.8
 #: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
-FEWEST_BLOCKS, MOST_BLOCKS = 12, 100
+FEWEST_BLOCKS, MOST_BLOCKS = 24, 100
 
 
 @dataclass(frozen=True)

@@ -211,6 +211,12 @@ class Evidence:
         """What ``terms`` at ``x`` leave of the target (K, n) [N m] in every run."""
         return [t - part for t, part in zip(self.target, self.linear(terms, x), strict=True)]
 
+    def squared_error(self, terms: Sequence[Term], x: Array) -> float:
+        """Weighted squared residual sum of the training rows that count, in squared floors."""
+        left = self.residuals(terms, x)
+        sums = sum(np.sum(np.where(m, r, 0.0) ** 2, axis=0) for m, r in zip(self.mask, left, strict=True))
+        return float(sums @ self.weights)
+
     def acts(self, term: Term) -> NDArray[np.bool_]:
         """(n,) on which joints ``term`` has a torque."""
         return self.columns.acts(term)

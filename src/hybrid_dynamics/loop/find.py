@@ -89,8 +89,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
             return Found(chosen, x, whole_of(parts), [*steps, *further], notes, judge)
         evidence.fold_by_run()
     refit(evidence, chosen)
-    chosen, _, weak = keep_sure(judge, _drop_guesses(judge, chosen), looked, report)
-    chosen = choose_signs(judge, complete(judge, chosen, candidates))
+    chosen, common, weak = keep_sure(judge, _drop_guesses(judge, chosen), looked, report)
+    chosen = choose_signs(judge, complete(judge, chosen, candidates, common))
     return Found(chosen, refit(evidence, chosen), [], [*steps, *weak], [], judge)
 
 

@@ -8,7 +8,7 @@ counts (:func:`choose`), the simpler one where both predict as well.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
@@ -97,27 +97,30 @@ def choose(judge: Judge, ends: Sequence[Sequence[Term]]) -> list[Term]:
 
 def keep_sure(
     judge: Judge, current: Sequence[Term], looked: int, report: Callable[[Step], None]
-) -> tuple[list[Term], dict[Term, Gain], list[Step]]:
-    """Drop, least sure first, what does not exceed the level that ``looked`` candidates ask for; returns what stays
-    with its gain in the final model.
+) -> tuple[list[Term], set[str], list[Step]]:
+    """Drop, least sure first, what does not exceed the level that ``looked`` candidates ask for; returns what stays,
+    the common families and the steps.
 
     The noise is what the model leaves before anything is dropped: otherwise the misfit that one drop leaves behind
-    would drown the next. A family common to most joints was looked at once; on each further joint it is one of n.
+    would drown the next. A family that is common was looked at once; on each further joint it is one of n.
     """
     evidence = judge.evidence
     kept = list(current)
     steps: list[Step] = []
     noise = evidence.held(current, physical=True)
-    common = _common(judge, losses(judge, current), looked)
+    common = _common(judge, current, losses(judge, current), looked)
     while True:
         gains = losses(judge, kept, noise)
+        clear = _clear(judge, kept)
         weak = []
         for term, gain in gains.items():
-            level = judge.level(evidence.n if term.effect in common else looked, gain.blocks)
-            if not gain.surer_than(level):
-                weak.append((gain.total / max(gain.error * level, 1e-300), term))
+            expected = term.effect in common and term.joint is not None
+            level = judge.level(evidence.n if expected else looked, gain.blocks)
+            if gain.surer_than(level) or (expected and term in clear and gain.total > -gain.error):
+                continue
+            weak.append((gain.total / max(gain.error * level, 1e-300), term))
         if not weak:
-            return kept, gains, steps
+            return kept, common, steps
         _, term = min(weak, key=lambda item: (item[0], repr(item[1])))
         kept.remove(term)
         refit(evidence, kept)
@@ -125,18 +128,21 @@ def keep_sure(
         report(steps[-1])
 
 
-def complete(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
-    """``chosen`` with common families on their remaining joints too, where the data says so.
+def complete(
+    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], common: Collection[str] = ()
+) -> list[Term]:
+    """``chosen`` with common families (``common``, and what sits on most joints) on their other joints too, where the
+    data says so.
 
-    What surely sits on most joints is one cause: on each other joint its parameter must exceed its own standard error
-    at the level of n questions, and held-out runs must not speak against it. In short runs a held-out part may hold
-    motions that the rest does not know, so a gain there is much to ask of a name that is expected.
+    Such a family is one cause: on each other joint its parameter must exceed its own standard error at the level of n
+    questions, and held-out runs must not speak against it. In short runs a held-out part may hold motions that the
+    rest does not know, so a gain there is much to ask of a name that is expected.
     """
     evidence = judge.evidence
     out = list(chosen)
     moving = [int(j) for j in np.flatnonzero(evidence.samples >= FEWEST_ROWS)]
     sits = Counter(s.effect for s in out if s.joint is not None and s.family().everywhere)
-    for name in sorted(_on_most(sits, len(moving))):
+    for name in sorted(_on_most(sits, len(moving)) | set(common)):
         for joint in moving:
             offered = [c for c in candidates if c.effect == name and c.joint == joint]
             if not offered or any(s.joint == joint and (s.effect == name or name in s.family().contains) for s in out):
@@ -154,20 +160,46 @@ def complete(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -
 
 def losses(judge: Judge, current: Sequence[Term], noise: Held | None = None) -> dict[Term, Gain]:
     """What each effect is worth in the model of all of them; uncertainty from what ``noise`` leaves, or they do."""
-    full = judge.evidence.held(current, physical=True)
-    return {
-        s: judge.gain(full, judge.evidence.held([o for o in current if o != s], physical=True), noise) for s in current
-    }
+    return {term: judge.worth(current, term, noise) for term in current}
 
 
-def _common(judge: Judge, gains: dict[Term, Gain], looked: int) -> set[str]:
-    """Families that are surely there on most moving joints: one cause, so the other joints need only be sure for it."""
+def _common(judge: Judge, current: Sequence[Term], gains: dict[Term, Gain], looked: int) -> set[str]:
+    """Families that are one cause on many joints, so that on each joint they need only be sure for it.
+
+    Either they are surely there on most moving joints; or they are sure together on those joints on which they are not
+    sure alone: every joint of a real arm has friction, which a short log shows on all joints sooner than on each.
+    """
+    evidence = judge.evidence
     sure: Counter[str] = Counter()
+    unsure: dict[str, list[Term]] = {}
     for term, gain in gains.items():
-        if term.joint is not None and gain.surer_than(judge.level(looked, gain.blocks)):
+        if term.joint is None:
+            continue
+        if gain.surer_than(judge.level(looked, gain.blocks)):
             sure[term.effect] += 1
-    moving = int((judge.evidence.samples >= FEWEST_ROWS).sum())
-    return _on_most(sure, moving)
+        elif term.family().everywhere:
+            unsure.setdefault(term.effect, []).append(term)
+    moving = int((evidence.samples >= FEWEST_ROWS).sum())
+    out = _on_most(sure, moving)
+    full = evidence.held(current, physical=True)
+    names = {t.effect for t in evidence.terms if t.family().everywhere}
+    for name, terms in unsure.items():
+        rest = evidence.held([t for t in current if t not in terms], physical=True)
+        gain = judge.gain(full, rest)
+        if len(terms) > 1 and gain.surer_than(judge.level(len(names), gain.blocks)):
+            out.add(name)
+    return out
+
+
+def _clear(judge: Judge, current: Sequence[Term]) -> set[Term]:
+    """Terms of one coefficient that exceeds its standard error at the level of one question a joint."""
+    evidence = judge.evidence
+    x = evidence.fit(current)
+    spread = np.sqrt(np.maximum(np.diag(evidence.covariance(current, x)), 0.0))
+    level = judge.level(evidence.n, len(evidence.block_rows))
+    layout = evidence.layout(current)
+    places = zip(layout.terms, layout.starts, strict=True)
+    return {t for t, start in places if t.size == 1 and abs(x[start]) > level * spread[start]}
 
 
 def _on_most(sits: Counter[str], moving: int) -> set[str]:

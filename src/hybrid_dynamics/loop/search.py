@@ -26,6 +26,8 @@ from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers,
 MOST_DROPS = 2
 #: Replacements in one search.
 MOST_REPLACEMENTS = 5
+#: A nonlinear effect whose re-fit ends worse by more than this share than before and than promised is not taken.
+BROKEN_PROMISE = 1e-3
 #: What takes the place of an effect must be able to make at least this share of its torque.
 LIKENESS_OF_RIVAL = 0.3
 #: So many of the likest are tried.
@@ -71,7 +73,11 @@ def search(
         table = rank(judge, current, [c for c in candidates if dropped[c] < MOST_DROPS], before)
         room = len(current) < settings.max_effects
         choice = next((c for c in table if room and c.accepted and frozenset([*current, c.term]) not in seen), None)
-        if choice is None:
+        if choice is not None:
+            action, added = "add", choice.term
+            trial = [*(s for s in current if not covers(added, s)), added]
+        else:
+            action, added = "replace", None
             replaced = None
             if replacements < MOST_REPLACEMENTS:
                 replaced = _replace(judge, current, candidates, before, seen)
@@ -81,16 +87,16 @@ def search(
             if replaced is None:
                 record("stop", None, table)
                 break
-            current[:] = replaced
-            seen.add(frozenset(current))
+            trial = replaced
+        seen.add(frozenset(trial))
+        limit = max(before.score, evidence.held(trial, physical=True).score)
+        refit(evidence, trial, everything=True)
+        if evidence.held(trial, physical=True).score > (1 + BROKEN_PROMISE) * limit:
+            # Linear as far as it was judged; the law as it is does not keep what its tangent promised.
             refit(evidence, current, everything=True)
-            record("replace", None, table)
-        else:
-            current[:] = [s for s in current if not covers(choice.term, s)]
-            current.append(choice.term)
-            seen.add(frozenset(current))
-            refit(evidence, current, everything=True)
-            record("add", choice.term, table)
+            continue
+        current[:] = trial
+        record(action, added, table)
         current[:] = better_settings(judge, current, candidates)
         while (useless := _useless(judge, current)) is not None:
             current.remove(useless)
@@ -163,8 +169,11 @@ def _useless(judge: Judge, current: Sequence[Term]) -> Term | None:
     worst: tuple[float, Term] | None = None
     for term in current:
         rest = [s for s in current if s != term]
-        both = active or evidence.constrained(rest)
-        loss = judge.gain(evidence.held(current, both) if both else full, evidence.held(rest, both))
+        if term.family().beside:
+            loss = judge.worth(current, term)
+        else:
+            both = active or evidence.constrained(rest)
+            loss = judge.gain(evidence.held(current, both) if both else full, evidence.held(rest, both))
         needed = loss.surer_than(1.0) and judge.matters(
             term, loss.per_joint, settings.keep_share, loss.surer_than(DECISIVE)
         )
@@ -206,8 +215,7 @@ def _replace(
             gain = judge.gain(held, before)
             if not _better(judge, gain, simpler) or (best is not None and -gain.total >= best[0]):
                 continue
-            own = judge.gain(held, evidence.held(rest, physical=True))
-            if own.surer_than(judge.settings.gain_in_errors):
+            if judge.worth(trial, term).surer_than(judge.settings.gain_in_errors):
                 best = (-gain.total, trial)
     return None if best is None else best[1]
 

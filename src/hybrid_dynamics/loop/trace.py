@@ -18,7 +18,7 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
-from hybrid_dynamics.loop.layout import term_order
+from hybrid_dynamics.loop.layout import ONLY_RUN, term_order
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.types import Array
 
@@ -96,6 +96,28 @@ class Judge:
         per_joint = gain / np.maximum(self.evidence.samples, 1)
         return Gain(float(gain @ weights), 2.0 * error, np.asarray(per_joint), blocks)
 
+    def worth(self, terms: Sequence[Term], term: Term, noise: Held | None = None) -> Gain:
+        """What ``term`` of ``terms`` gains over none, or over the plain effects of its joints that it could stand for,
+        whichever is less."""
+        held = self.evidence.held
+        rest = [t for t in terms if t != term]
+        plain = self.beside(rest, term)
+        full = held(terms, physical=True)
+        gains = [self.gain(full, held([*rest, *more], physical=True), noise) for more in ([], plain)[: 1 + bool(plain)]]
+        return min(gains, key=lambda gain: gain.total)
+
+    def beside(self, terms: Sequence[Term], term: Term) -> list[Term]:
+        """Plain effects on the joints of ``term`` that ``terms`` lacks, with the best of their settings."""
+        evidence = self.evidence
+        out: list[Term] = []
+        for name in term.family().beside:
+            for joint in np.flatnonzero(evidence.acts(term)):
+                there = any(t.joint == joint and (t.effect == name or name in t.family().contains) for t in terms)
+                offered = [t for t in evidence.terms if t.effect == name and t.joint == joint and ONLY_RUN not in t.options]
+                if not there and offered:
+                    out.append(min(offered, key=lambda t: (evidence.held([*terms, t]).score, term_order(t))))
+        return out
+
     def mean_square(self, held: Held) -> Array:
         """(n,) [N m]^2."""
         return np.asarray(held.joint_errors / np.maximum(self.evidence.samples, 1))
@@ -169,7 +191,7 @@ def rank(judge: Judge, current: Sequence[Term], candidates: Sequence[Term], befo
         free = sorted(free, key=lambda c: (screened[c], term_order(c)))[: 2 * TABLE_ROWS]
     held = {c: evidence.held(_joined(current, c), physical=True) for c in free}
     order = sorted(held, key=lambda s: (held[s].score, s.size, term_order(s)))[:TABLE_ROWS]
-    rows = {s: _judged(judge, s, before, held[s]) for s in order}
+    rows = {s: _judged(judge, s, _joined(current, s), before, held[s]) for s in order}
     # Of those that may be named the best, and of its rivals the simplest; without any, the same of all.
     pool = [s for s in order if rows[s].accepted] or order
     if not pool:
@@ -179,10 +201,10 @@ def rank(judge: Judge, current: Sequence[Term], candidates: Sequence[Term], befo
     return [rows[chosen], *(rows[s] for s in order if s != chosen)]
 
 
-def _judged(judge: Judge, term: Term, before: Held, after: Held) -> Candidate:
-    """The row of ``term`` in the evidence table, from held-out predictions without and with it."""
+def _judged(judge: Judge, term: Term, joined: Sequence[Term], before: Held, after: Held) -> Candidate:
+    """The row of ``term`` in the evidence table, from held-out predictions without it and of ``joined``, with it."""
     total = float(judge.evidence.samples[judge.evidence.samples >= FEWEST_ROWS].sum()) or 1.0
-    gain = judge.gain(after, before)
+    gain = judge.worth(joined, term) if term.family().beside else judge.gain(after, before)
     certain = gain.surer_than(judge.settings.gain_in_errors)
     accepted = certain and judge.matters(term, gain.per_joint, judge.settings.floor_share, gain.surer_than(DECISIVE))
     return Candidate(
