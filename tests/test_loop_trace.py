@@ -62,7 +62,7 @@ class Told:
 
 def judge(residuals: dict[frozenset[Term], np.ndarray]) -> Judge:
     """Noise floor 1 N m."""
-    return Judge(cast(Evidence, Told(residuals)), LoopSettings(), np.ones(1), np.ones(1), np.zeros(1))
+    return Judge(cast(Evidence, Told(residuals)), LoopSettings(), np.ones(1), np.ones(1), np.zeros(1), np.zeros(1))
 
 
 #: Noise of one floor, and two changes of a prediction, of mean square one, that no sample of it resembles.
@@ -135,7 +135,7 @@ def start_from_body(robot: Robot, effects: list[Effect]) -> list[Term]:
     floor = noise_floor(evidence)
     evidence.weigh(floor)
     torque = np.concatenate([run.tau for run in runs]).var(axis=0)
-    judged = Judge(evidence, LoopSettings(), floor, torque, np.zeros(robot.n_joints))
+    judged = Judge(evidence, LoopSettings(), floor, torque, np.zeros(robot.n_joints), floor)
     steps = search(judged, terms, lambda step: None, [Term("link_inertia", 1)])
     return sorted(steps[-1].terms)
 

@@ -77,8 +77,9 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     if len({s.place for s in candidates}) > looked:
         further = search(judge, candidates, report, chosen)
         steps += further
-        chosen = simplify(judge, refine(judge, further[-1].terms), candidates)
+        chosen = refine(judge, further[-1].terms)
         looked = len({s.place for s in candidates})
+    chosen = simplify(judge, chosen, candidates)
     held = judge.mean_square(evidence.held(chosen, physical=True))
     if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
         further = split_by_run(judge, chosen, candidates, report)

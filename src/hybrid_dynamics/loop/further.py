@@ -35,9 +35,9 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     evidence, settings = judge.evidence, judge.settings
     x = refit(evidence, chosen)
     residual = evidence.residuals(chosen, x)
-    low = difference_floor(evidence.runs, residual, evidence.mask)
+    low = np.minimum(difference_floor(evidence.runs, residual, evidence.mask), judge.low)
     held = judge.mean_square(evidence.held(chosen, physical=True))
-    left = (judge.floor > 0) & (held > (1 + EXCESS) * np.maximum(low, settings.resolution) ** 2)
+    left = (judge.floor > 0) & (held > (1 + EXCESS) * low**2)
     if not left.any() or not settings.further:
         return []
     motions, rest = [], []
@@ -75,6 +75,12 @@ def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -
     out = list(chosen)
     for i, term in enumerate(out):
         plainer = [c for c in candidates if c.effect in term.family().contains and c.joint == term.joint]
+        if term.joint is not None:
+            here = np.arange(evidence.n) == term.joint
+            for name in sorted(set(term.family().contains) - {c.effect for c in plainer}):
+                plainer += family(name).terms(evidence.robot, here, judge.settings.options)
+            evidence.add_terms(plainer)
+            refit(evidence, out, everything=True)
         trials = [[*out[:i], c, *out[i + 1 :]] for c in plainer]
         if not trials:
             continue

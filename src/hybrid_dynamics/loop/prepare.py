@@ -24,15 +24,21 @@ from hybrid_dynamics.types import Array
 
 #: How far the filters carry a moment to either side, in periods of their cut-off.
 OUTLIER_REACH = 2.0
+#: Share of samples that repeat the one before, beyond which a torque was recorded in steps wider than its noise.
+MOST_REPEATS = 0.5
 
 
 @dataclass(frozen=True)
 class Logs:
-    """Processed runs: ``train`` is learned from, ``test`` held out; ``moving`` (n,) joints that move in ``train``."""
+    """Processed runs: ``train`` is learned from, ``test`` held out; ``moving`` (n,) joints that move in ``train``.
+
+    ``step`` (n,) [N m]: the steps in which the torque was recorded, where nothing blurs them; else 0.
+    """
 
     train: list[Run]
     test: list[Run]
     moving: NDArray[np.bool_]
+    step: Array
     notes: list[str]
 
 
@@ -47,7 +53,27 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
             f"no joint moves more than {settings.process.moving_range} rad in the training runs; expected logs of a "
             "robot in motion"
         )
-    return Logs(runs, tests, moving, notes)
+    step = torque_step(learned)
+    for joint in np.flatnonzero(moving & np.isinf(step)):
+        notes.append(
+            f"the torque of {robot.joint_names[joint]} never changes in the training runs: nothing is said of this joint; "
+            "look whether its sensor is connected and fine enough"
+        )
+        moving[joint] = False
+        for run in [*runs, *tests]:
+            run.mask[:, joint] = False
+    return Logs(runs, tests, moving, np.where(np.isinf(step), 0.0, step), notes)
+
+
+def torque_step(runs: Sequence[Trajectory]) -> Array:
+    """(n,) [N m] smallest change of the recorded torque where most samples repeat the one before; inf: it never changes.
+
+    Where noise blurs the steps (most samples differ) they are part of the noise that second differences see: 0.
+    """
+    changes = np.concatenate([np.abs(np.diff(run["tau"], axis=0)) for run in runs])
+    repeats = np.mean(changes == 0.0, axis=0) > MOST_REPEATS
+    smallest = np.min(np.where(changes > 0.0, changes, np.inf), axis=0)
+    return np.asarray(np.where(repeats, smallest, 0.0))
 
 
 def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list[Term], list[str]]:
@@ -56,20 +82,21 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     evidence = Evidence(base, logs.train, terms, settings)
     notes = _leave_out_outliers(evidence)
     torque = np.concatenate([run.tau for run in logs.train])
-    least = resolution(logs.train, settings)
+    least = resolution(logs, settings)
     seen = evidence.samples >= FEWEST_ROWS
     # A rich model of few rows follows the noise; second differences see it whatever the model.
     low = difference_floor(logs.train, evidence.base_target, evidence.mask)
     floor = np.where(seen, np.maximum(np.maximum(noise_floor(evidence), low), least), 0.0)
     evidence.weigh(floor)
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
-    return Judge(evidence, settings, floor, torque.var(axis=0), misfit), terms, notes
+    return Judge(evidence, settings, floor, torque.var(axis=0), misfit, np.maximum(low, least)), terms, notes
 
 
-def resolution(runs: Sequence[Run], settings: LoopSettings) -> Array:
-    """(n,) [N m] below which no floor lies: a share of the measured torque."""
-    torque = np.concatenate([run.tau for run in runs])
-    return np.asarray(settings.resolution * np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9))
+def resolution(logs: Logs, settings: LoopSettings) -> Array:
+    """(n,) [N m] below which no floor lies: a share of the measured torque, and what its steps round away."""
+    torque = np.concatenate([run.tau for run in logs.train])
+    share = settings.resolution * np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
+    return np.asarray(np.maximum(share, logs.step / np.sqrt(12.0)))
 
 
 def candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -> list[Term]:

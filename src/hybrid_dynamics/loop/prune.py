@@ -17,7 +17,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
-from hybrid_dynamics.loop.trace import DECISIVE, Gain, Judge, covers, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE_KEPT, Gain, Judge, covers, rank, same_place
 
 #: A family must surely sit on at least this many joints, and on half of those that move, to be common.
 FEWEST_COMMON = 3
@@ -110,13 +110,14 @@ def keep_sure(
     noise = evidence.held(current, physical=True)
     common = _common(judge, current, losses(judge, current), looked)
     while True:
-        gains = losses(judge, kept, noise)
+        gains, full = losses(judge, kept, noise), evidence.held(kept, physical=True)
         clear = _clear(judge, kept)
         weak = []
         for term, gain in gains.items():
             expected = term.effect in common and term.joint is not None
             level = judge.level(evidence.n if expected else looked, gain.blocks)
-            if gain.surer_than(level) or (expected and term in clear and gain.total > -gain.error):
+            sure = gain.surer_than(level) and not judge.nibbles(term, gain, full, NIBBLE_KEPT)
+            if sure or (expected and term in clear and gain.total > -gain.error):
                 continue
             weak.append((gain.total / max(gain.error * level, 1e-300), term))
         if not weak:

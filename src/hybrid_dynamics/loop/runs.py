@@ -49,7 +49,9 @@ def split_by_run(
         return []
     evidence.fold_by_time()
     names = [run.name for run in evidence.runs]
-    joint_wise = [s for s in current if s.family().scope == "joint"]
+    # What a flexible law made of the disagreement is not taken along.
+    plain = [s for s in current if s.family().searched]
+    joint_wise = [s for s in plain if s.family().scope == "joint"]
     samples = float(evidence.samples[evidence.samples >= FEWEST_ROWS].sum())
     best: tuple[float, list[Term]] | None = None
     for term in candidates:
@@ -57,7 +59,7 @@ def split_by_run(
             continue
         parts = parts_of(term, names)
         evidence.add_terms(parts)
-        others = [s for s in current if not same_place(s, term)]
+        others = [s for s in plain if not same_place(s, term)]
         for rest in ([], joint_wise, others):
             trial = evidence.held([*parts, *rest])
             pooled = evidence.held([term, *rest])
@@ -68,7 +70,9 @@ def split_by_run(
             else:
                 if best is None or trial.score < best[0]:
                     best = trial.score, [*parts, *rest]
-    return [] if best is None else search(judge, candidates, report, best[1])
+    if best is None:
+        return []
+    return search(judge, [c for c in candidates if c.family().searched], report, best[1])
 
 
 def pool(judge: Judge, terms: Sequence[Term]) -> tuple[list[Term], Array]:

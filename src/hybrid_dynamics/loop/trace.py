@@ -43,6 +43,8 @@ class Candidate:
 FEWEST_CLUSTERS = 10
 #: Rows of the evidence table that are judged and kept.
 TABLE_ROWS = 12
+#: Share of what is left that an effect of the further families must take to come in, and to stay beside all others.
+NIBBLE, NIBBLE_KEPT = 0.25, 0.15
 #: A gain of this many standard errors is no accident, wherever it shows.
 DECISIVE = 3.0
 
@@ -72,6 +74,7 @@ class Judge:
     """Decides what a change of held-out error is worth.
 
     ``misfit`` (n,) [N m] is what the starting model was known to be off by on other runs: a smaller change is no news.
+    ``low`` (n,) [N m]: no more than that is noise, by second differences.
     """
 
     evidence: Evidence
@@ -79,6 +82,7 @@ class Judge:
     floor: Array
     torque_variance: Array
     misfit: Array
+    low: Array
 
     def gain(self, new: Held, old: Held, noise: Held | None = None) -> Gain:
         """Gain of ``new`` over ``old`` and its uncertainty, given the motion.
@@ -106,6 +110,21 @@ class Judge:
         gains = [self.gain(full, held([*rest, *more], physical=True), noise) for more in ([], plain)[: 1 + bool(plain)]]
         return min(gains, key=lambda gain: gain.total)
 
+    def nibbles(self, term: Term, gain: Gain, after: Held, share: float) -> bool:
+        """True where an effect of the further families takes less than ``share`` of what was left where it acts.
+
+        Causes explain most of what they cause. What takes a little of much is what a flexible law makes of something
+        else that the model lacks.
+        """
+        if term.family().searched:
+            return False
+        left = np.maximum(self.mean_square(after) + gain.per_joint - self.low**2, 0.0)
+        acts = self.evidence.acts(term) & (self.floor > 0)
+        if term.joint is None:
+            weights = self.evidence.weights * acts
+            return bool(gain.per_joint @ weights < share * (left @ weights))
+        return not np.any(acts & (gain.per_joint >= share * left))
+
     def beside(self, terms: Sequence[Term], term: Term) -> list[Term]:
         """Plain effects on the joints of ``term`` that ``terms`` lacks, with the best of their settings."""
         evidence = self.evidence
@@ -113,7 +132,8 @@ class Judge:
         for name in term.family().beside:
             for joint in np.flatnonzero(evidence.acts(term)):
                 there = any(t.joint == joint and (t.effect == name or name in t.family().contains) for t in terms)
-                offered = [t for t in evidence.terms if t.effect == name and t.joint == joint and ONLY_RUN not in t.options]
+                own = [t for t in evidence.terms if t.effect == name and t.joint == joint]
+                offered = [t for t in own if ONLY_RUN not in t.options]
                 if not there and offered:
                     out.append(min(offered, key=lambda t: (evidence.held([*terms, t]).score, term_order(t))))
         return out
@@ -206,7 +226,9 @@ def _judged(judge: Judge, term: Term, joined: Sequence[Term], before: Held, afte
     total = float(judge.evidence.samples[judge.evidence.samples >= FEWEST_ROWS].sum()) or 1.0
     gain = judge.worth(joined, term) if term.family().beside else judge.gain(after, before)
     certain = gain.surer_than(judge.settings.gain_in_errors)
-    accepted = certain and judge.matters(term, gain.per_joint, judge.settings.floor_share, gain.surer_than(DECISIVE))
+    nibbles = judge.nibbles(term, gain, after, NIBBLE)
+    matters = judge.matters(term, gain.per_joint, judge.settings.floor_share, gain.surer_than(DECISIVE))
+    accepted = certain and matters and not nibbles
     return Candidate(
         term,
         after.score / total,
@@ -214,13 +236,17 @@ def _judged(judge: Judge, term: Term, joined: Sequence[Term], before: Held, afte
         gain.error / total,
         tuple(float(g) for g in gain.per_joint),
         accepted,
-        "accepted" if accepted else ("too small to matter" if certain else "within uncertainty"),
+        "accepted" if accepted else "within uncertainty" if not certain else _too_small(nibbles),
     )
 
 
 def covers(general: Term, special: Term) -> bool:
     """True where ``general`` holds ``special`` as a special case."""
     return general.family().covers(general, special)
+
+
+def _too_small(nibbles: bool) -> str:
+    return "too little of what is left" if nibbles else "too small to matter"
 
 
 def _joined(current: Sequence[Term], term: Term) -> list[Term]:
