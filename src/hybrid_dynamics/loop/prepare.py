@@ -56,8 +56,8 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
     step = torque_step(learned)
     for joint in np.flatnonzero(moving & np.isinf(step)):
         notes.append(
-            f"the torque of {robot.joint_names[joint]} never changes in the training runs: nothing is said of this joint; "
-            "look whether its sensor is connected and fine enough"
+            f"the torque of {robot.joint_names[joint]} never changes in the training runs: nothing is said of this "
+            "joint; look whether its sensor is connected and fine enough"
         )
         moving[joint] = False
         for run in [*runs, *tests]:
@@ -66,7 +66,7 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
 
 
 def torque_step(runs: Sequence[Trajectory]) -> Array:
-    """(n,) [N m] smallest change of the recorded torque where most samples repeat the one before; inf: it never changes.
+    """(n,) [N m] smallest change of the recorded torque where most samples repeat the one before; inf: none changes.
 
     Where noise blurs the steps (most samples differ) they are part of the noise that second differences see: 0.
     """

@@ -21,6 +21,8 @@ from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE_KEPT, Gain, Judge, cover
 
 #: A family must surely sit on at least this many joints, and on half of those that move, to be common.
 FEWEST_COMMON = 3
+#: Relative distance within which a coordinate stands on its bound.
+BOUND = 1e-6
 #: A simpler end may be worse on no joint by more than this share of its mean square, however uncertain that is.
 MOST_LOSS = 0.1
 
@@ -111,12 +113,15 @@ def keep_sure(
     common = _common(judge, current, losses(judge, current), looked)
     while True:
         gains, full = losses(judge, kept, noise), evidence.held(kept, physical=True)
-        clear = _clear(judge, kept)
+        clear, forced = _clear(judge, kept), _forced(judge, kept)
         weak = []
         for term, gain in gains.items():
             expected = term.effect in common and term.joint is not None
             level = judge.level(evidence.n if expected else looked, gain.blocks)
             sure = gain.surer_than(level) and not judge.nibbles(term, gain, full, NIBBLE_KEPT)
+            if term in forced:
+                weak.append((-np.inf, term))
+                continue
             if sure or (expected and term in clear and gain.total > -gain.error):
                 continue
             weak.append((gain.total / max(gain.error * level, 1e-300), term))
@@ -183,7 +188,7 @@ def _common(judge: Judge, current: Sequence[Term], gains: dict[Term, Gain], look
     moving = int((evidence.samples >= FEWEST_ROWS).sum())
     out = _on_most(sure, moving)
     full = evidence.held(current, physical=True)
-    names = {t.effect for t in evidence.terms if t.family().everywhere}
+    names = {t.effect for t in evidence.columns.terms if t.family().everywhere}
     for name, terms in unsure.items():
         rest = evidence.held([t for t in current if t not in terms], physical=True)
         gain = judge.gain(full, rest)
@@ -197,10 +202,24 @@ def _clear(judge: Judge, current: Sequence[Term]) -> set[Term]:
     evidence = judge.evidence
     x = evidence.fit(current)
     spread = np.sqrt(np.maximum(np.diag(evidence.covariance(current, x)), 0.0))
-    level = judge.level(evidence.n, len(evidence.block_rows))
+    level = judge.level(evidence.n, len(evidence.blocks.rows))
     layout = evidence.layout(current)
     places = zip(layout.terms, layout.starts, strict=True)
     return {t for t, start in places if t.size == 1 and abs(x[start]) > level * spread[start]}
+
+
+def _forced(judge: Judge, current: Sequence[Term]) -> set[Term]:
+    """Terms that stand at the end of what is plausible: the data wants what cannot be, so they are something else."""
+    evidence = judge.evidence
+    x, layout = evidence.fit(current), evidence.layout(current)
+    out = set()
+    for term, start in zip(layout.terms, layout.starts, strict=True):
+        lower = term.family().lower_bounds(evidence.robot, term)
+        # At zero an effect that only takes energy is just not there.
+        end = np.isfinite(lower) & (lower != 0.0)
+        if np.any(end & (x[start : start + term.size] <= lower + BOUND * np.abs(lower))):
+            out.add(term)
+    return out
 
 
 def _on_most(sits: Counter[str], moving: int) -> set[str]:

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
-from hybrid_dynamics.loop.layout import ONLY_RUN, term_order
+from hybrid_dynamics.loop.layout import term_order
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.types import Array
 
@@ -132,7 +133,7 @@ class Judge:
         for name in term.family().beside:
             for joint in np.flatnonzero(evidence.acts(term)):
                 there = any(t.joint == joint and (t.effect == name or name in t.family().contains) for t in terms)
-                own = [t for t in evidence.terms if t.effect == name and t.joint == joint]
+                own = [t for t in evidence.columns.terms if t.effect == name and t.joint == joint]
                 offered = [t for t in own if ONLY_RUN not in t.options]
                 if not there and offered:
                     out.append(min(offered, key=lambda t: (evidence.held([*terms, t]).score, term_order(t))))
