@@ -133,14 +133,32 @@ def test_what_is_zero_or_left_open_is_not_in_the_headline():
     assert headline(value).startswith(
         "missing: Stribeck friction on a (Coulomb torque 2 N m, static torque 3 N m); held"
     )
-    assert "Stribeck velocity 0.020 ± 0.010 rad/s (left open)" in parameter_lines(value)[0]
+    assert "Stribeck velocity 0.02 rad/s (left open)" in parameter_lines(value)[0]
     assert "left open by these motions: stribeck velocity of Stribeck friction on a" in details(value)
     other = effect("stribeck_friction", ["b"], ("coulomb_torque", 5.0, "N m"), ("static_torque", 0.0, "N m"))
     value["effects"].append(other)
     assert "Stribeck friction on a, b (Coulomb torque 2 to 5 N m, static torque 3 N m)" in headline(value)
     kinds = ("viscous_friction", "torque_offset", "armature", "torque_gain", "torque_ripple")
     value["effects"] += [effect(kind, ["a"], ("x", 1.0, "1")) for kind in kinds]
-    assert "; also torque gain on a; torque ripple on a; held-out error" in headline(value)
+    value["effects"] += [effect("drift", ["a"], ("rate", 1.0, "N m/s"))]
+    assert "; also torque gain on a; torque ripple on a; drift on a; held-out error" in headline(value)
+
+
+def test_a_mass_that_the_motion_does_not_show_is_not_told_as_one():
+    value = diagnosis()
+    effect = value.pop("effect")
+    mass = ("mass", 3.2, "kg"), ("com_x", 0.1, "m")
+    value["effects"] = [effect("link_inertia", ["a"], *mass, undetermined_parameters=["mass"])]
+    assert headline(value).startswith("missing: link inertia on a (mass left open by these motions); held-out")
+    value["effects"].append(effect("link_inertia", ["b"], *mass))
+    assert "link inertia on a, b (mass 3.2 kg, mass left open by these motions)" in headline(value)
+
+
+def test_what_is_asked_of_an_earlier_model_is_a_change():
+    value = diagnosis() | {"provenance": {"command": {"model": "model.json"}}}
+    assert headline(value).startswith("changed: payload 1.47 kg; held-out")
+    value["provenance"]["command"]["model"] = None
+    assert headline(value).startswith("missing: payload 1.47 kg; held-out")
 
 
 def test_the_same_doubt_on_several_joints_is_one_line():

@@ -31,9 +31,9 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
         return f"nothing is missing; held-out error {_percent(final_errors(diagnosis)['relative_error'])}"
     if not named:
         return f"something is missing, but nothing known explains it; {error}"
-    if verdict == "explained":
-        return f"missing: {named}; {error}"
-    return f"missing, and not all: {named}; {error}"
+    # Asked of an earlier model, what is found is what has changed since: friction may have become less.
+    lead = "changed" if (diagnosis.get("provenance") or {}).get("command", {}).get("model") else "missing"
+    return f"{lead}{'' if verdict == 'explained' else ', and not all'}: {named}; {error}"
 
 
 def effect_phrases(effects: Sequence[Entry]) -> list[str]:
@@ -45,7 +45,7 @@ def effect_phrases(effects: Sequence[Entry]) -> list[str]:
     for name, entries in groups.items():
         several = len(entries) > 1
         if len(out) >= _MOST:
-            out.append(f"{'' if out[-1].startswith('also ') else 'also '}{title_of(name)}{_where(entries)}")
+            out.append(f"{'also ' if len(out) == _MOST else ''}{title_of(name)}{_where(entries)}")
         elif several:
             out.append(several_words(entries, _where(entries)))
         else:
@@ -67,7 +67,9 @@ def details(diagnosis: Mapping[str, Any]) -> list[str]:
             out.append(f"left open by these motions: {names} of {place(entry)}")
         for torn in entry.get("inconsistent_between_runs", []):
             runs = ", ".join(f"{r['run']} {r['value']:.3g}" for r in torn["runs"])
-            out.append(f"differs between runs: {torn['parameter']} of {place(entry)} [{torn['unit']}]: {runs}")
+            out.append(
+                f"differs between runs: {title_of(torn['parameter'])} of {place(entry)} [{torn['unit']}]: {runs}"
+            )
     out += [f"out of reach: {entry['joint']}: {entry['why']}" for entry in diagnosis.get("not_identifiable", [])]
     return [*out, *_outside(diagnosis)]
 

@@ -33,7 +33,7 @@ def _missing(entries: Sequence[Entry], joints: Sequence[str]) -> str:
         return f"{place(entry)}: {', '.join(values)}" if values else place(entry)
     places = list(dict.fromkeys(entry["joints"][0] for entry in entries if entry["joints"]))
     ranges = _ranges(entries)
-    values = [f"{_named(entries[0], key)}{_range(own)}" for key, own in ranges.items()]
+    values = [f"{_named(entries[0], key)}{_range(own)}" for key, own in ranges.items()] + _open_mass(entries)
     phrase = title_of(entries[0]["effect"]) + (f" on {where(places, joints)}" if places else "")
     return f"{phrase}: {', '.join(values)}" if values else phrase
 
@@ -58,8 +58,8 @@ def place(entry: Entry) -> str:
 
 def single_words(entry: Entry) -> str:
     """One effect with the parameters that matter: ``viscous friction 2 N m s/rad on shoulder``."""
-    shown = matter(entry)
-    extra = settings_words(entry)
+    extra = _open_mass([entry]) + settings_words(entry)
+    shown = [p for p in matter(entry) if not _is_open_mass(entry, p)]
     if len(shown) == 1 and not extra:
         return f"{title_of(entry['effect'])} {_value(shown[0])}{place(entry).removeprefix(title_of(entry['effect']))}"
     values = [f"{title_of(p['name'])} {_value(p)}" for p in shown] + extra
@@ -70,9 +70,10 @@ def several_words(entries: Sequence[Entry], places: str) -> str:
     """The same effect on several joints, every parameter as a range: ``Coulomb friction 2.7 to 8.5 N m on a, b``."""
     ranges = _ranges(entries)
     name = title_of(entries[0]["effect"])
-    if len(ranges) == 1:
+    extra = _open_mass(entries)
+    if len(ranges) == 1 and not extra:
         return f"{name} {_range(next(iter(ranges.values())))}{places}"
-    values = ", ".join(f"{title_of(key)} {_range(own)}" for key, own in ranges.items())
+    values = ", ".join([f"{title_of(key)} {_range(own)}" for key, own in ranges.items()] + extra)
     return f"{name}{places} ({values})" if values else f"{name}{places}"
 
 
@@ -87,6 +88,16 @@ def matter(entry: Entry) -> list[Mapping[str, Any]]:
         return []
     known = [p for p in parameters if not left_open(entry, p) and abs(p["value"]) > (p.get("std_error") or 0.0)]
     return known or parameters[:1]
+
+
+def _is_open_mass(entry: Entry, p: Mapping[str, Any]) -> bool:
+    """Whether ``p`` is a mass that these motions do not show: its number is the starting model's."""
+    return p["name"] == "mass" and left_open(entry, p)
+
+
+def _open_mass(entries: Sequence[Entry]) -> list[str]:
+    open_mass = any(_is_open_mass(entry, p) for entry in entries for p in matter(entry))
+    return ["mass left open by these motions"] if open_mass else []
 
 
 def settings_words(entry: Entry, placed: bool = False) -> list[str]:
@@ -123,6 +134,8 @@ def _ranges(entries: Sequence[Entry]) -> dict[str, list[Mapping[str, Any]]]:
     out: dict[str, list[Mapping[str, Any]]] = {}
     for entry in entries:
         for p in matter(entry):
+            if _is_open_mass(entry, p):
+                continue
             out.setdefault(p["name"], []).append(p)
     return out
 
