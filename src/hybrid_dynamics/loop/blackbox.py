@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Rows that one fit sees at most, iterations, leaves of a tree.
 MOST_ROWS, ITERATIONS, LEAVES = 6000, 150, 15
+#: Iterations without a better loss on held-out samples after which no better one is expected.
+PATIENCE = 30
 #: Shifts of the residual that the true alignment is compared with.
 SHIFTS = 1999
 #: Shifts under which the prediction still resembles itself (periodic motions) are no null hypothesis.
@@ -114,11 +116,17 @@ def _fit(x: Array, y: Array, fold: NDArray[np.int_], seed: int) -> HistGradientB
     if len(names) > 1:
         inside = fold != names[seed % len(names)]
         if inside.sum() >= 50 and (~inside).sum() >= 20:
+            # Where nothing can be learned the loss only grows: a trial of all iterations would be most of the time.
             trial = HistGradientBoostingRegressor(
-                max_iter=ITERATIONS, early_stopping=False, random_state=seed, **options
-            ).fit(x[inside], y[inside])
-            losses = [float(np.mean((y[~inside] - p) ** 2)) for p in trial.staged_predict(x[~inside])]
-            best = int(np.argmin(losses)) + 1
+                max_iter=ITERATIONS,
+                early_stopping=True,
+                scoring="loss",
+                n_iter_no_change=PATIENCE,
+                tol=0.0,
+                random_state=seed,
+                **options,
+            ).fit(x[inside], y[inside], X_val=x[~inside], y_val=y[~inside])
+            best = int(np.argmax(trial.validation_score_[1:])) + 1  # the first one is that of no tree
     return HistGradientBoostingRegressor(max_iter=best, early_stopping=False, random_state=seed, **options).fit(x, y)
 
 
