@@ -11,23 +11,30 @@ import pytest
 SLOW = frozenset(
     {
         "test_benchmarks",
+        "test_dvc_traps",
         "test_engine",
         "test_examples",
         "test_export_programs",
         "test_export_resimulate",
         "test_export_round_trip",
+        "test_extras",
+        "test_faults",
         "test_fleet",
+        "test_glitches",
         "test_loop_alternatives",
         "test_loop_cli",
         "test_loop_close",
         "test_loop_friction",
+        "test_loop_unseen",
         "test_models_panda",
         "test_pipeline",
+        "test_reporting",
         "test_simulation_planted",
         "test_simulation_twin",
         "test_study_engine",
         "test_tracking",
         "test_tracking_loop",
+        "test_urdf_dynamics",
     }
 )
 

@@ -251,6 +251,7 @@ def test_a_closed_pipe_ends_nothing(here):
     assert Path("p.parquet").exists()
 
 
+@pytest.mark.slow
 def test_an_ascii_terminal_and_names_with_brackets(here, tmp_path):
     text = (
         Path("robot.urdf").read_text().replace('name="shoulder"', 'name="[red]schulter ü\x1b"'.replace("\x1b", "&#9;"))
@@ -294,6 +295,7 @@ def test_a_termination_is_an_interruption(here):
     assert not [p for p in here.iterdir() if p.name.startswith(".out")]
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_the_old_results(here):
     """A limit on the size of files stands for the full disk: both are errors of the operating system while writing."""
     before = {p.name: p.read_bytes() for p in Path("out").iterdir()}

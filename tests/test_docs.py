@@ -30,6 +30,7 @@ def blocks(page: Path) -> list[str]:
     return re.findall(r"```bash\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
 
 
+@pytest.mark.slow
 def test_your_own_robot_in_five_minutes_runs_as_it_is_written(tmp_path: Path) -> None:
     write_logs(tmp_path)
     commands = blocks(ROOT / "docs" / "five-minutes.md")
@@ -49,6 +50,7 @@ def test_the_tutorial_has_the_arm_of_the_examples() -> None:
     assert URDF in (ROOT / "docs" / "tutorial.py").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_the_tutorial_finds_what_it_hid(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, str(ROOT / "docs" / "tutorial.py")],

@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
 from stages.lanes import Lanes, graph, groups, title
 
 ROOT = Path(__file__).parents[1]
@@ -85,6 +86,7 @@ def pipeline(folder: Path) -> dict[str, str]:
     return environment
 
 
+@pytest.mark.slow
 def test_a_project_of_two_data_sets_is_built_and_plain_repro_agrees(tmp_path):
     environment = pipeline(tmp_path)
     done = subprocess.run(
