@@ -80,12 +80,12 @@ def test_a_knock_does_not_flatten_the_picture_and_is_counted() -> None:
     left = np.zeros(400)
     left[[7, 300]] = 40.0, -40.0
     curve = Curve("j", "dq", 0.05, tuple(x), tuple(law + left), tuple(law), (0,) * 400)
-    figure = curve_figure(curve, ("run_1",), "")
+    figure = curve_figure(curve, ("run_1",), "j")
     low, high = span(figure)
     assert -1.5 < low < -1.0 < 1.0 < high < 1.5
-    assert figure.values["label0"] == "run run_1 (2 of 400 points beyond the picture)"
+    assert figure.values["title"] == "j: 2 of 400 points lie beyond the picture"
     calm = curve_figure(Curve("j", "dq", 0.05, tuple(x), tuple(law), tuple(law), (0,) * 400), ("run_1",), "").values
-    assert calm["label0"] == "run run_1"
+    assert calm["title"] == ""
     trace = Trace("run_1", "j", tuple(x), tuple(law + left), tuple(law), tuple(law))
     assert max(span(torque_figure(trace, 0.05))) < 1.0
 

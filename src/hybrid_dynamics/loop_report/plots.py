@@ -114,7 +114,7 @@ def curve_figure(curve: Curve, runs: tuple[str, ...], title: str) -> Drawing:
     shown = _range(np.array(curve.missing), float((low - noise).min()), float((high + noise).max()))
     values: dict[str, Any] = {
         "range": shown,
-        "title": title,
+        "title": ": ".join(filter(None, (title, _beyond(np.array(curve.missing), shown)))),
         "axis": AXES[curve.axis],
         "law_x": x,
         "law": mean,
@@ -126,18 +126,27 @@ def curve_figure(curve: Curve, runs: tuple[str, ...], title: str) -> Drawing:
         mine = owner == k
         own = {"x": curve.x, "missing": curve.missing, "added": curve.added}
         values |= {f"{name}{k}": np.array(part)[mine] for name, part in own.items()}
-        outside = int(np.sum((values[f"missing{k}"] < shown[0]) | (values[f"missing{k}"] > shown[1])))
-        beyond = f" ({outside} of {mine.sum()} points beyond the picture)" if outside else ""
-        values |= {f"run{k}": runs[k], f"label{k}": f"run {runs[k]}{beyond}"}
+        values |= {f"run{k}": runs[k], f"label{k}": f"run {runs[k]}"}
     return Drawing(f"curve{len(runs)}", values)
 
 
 def _range(values: Array, low: float, high: float) -> tuple[float, float]:
-    """Least and largest of the axis: ``low`` to ``high`` and nearly all ``values``. A knock would flatten the rest."""
-    low = min(low, float(np.quantile(values, BEYOND)))
-    high = max(high, float(np.quantile(values, 1 - BEYOND)))
-    margin = 0.05 * max(high - low, 1e-12)
-    return low - margin, high + margin
+    """Least and largest of the axis: ``low`` to ``high`` and all ``values``.
+
+    Nearly all, where the rest (a knock, say) would take more than half of the picture and flatten what it is about.
+    """
+    ends = np.quantile(values, (0.0, BEYOND, 1 - BEYOND, 1.0))
+    near = min(low, float(ends[1])), max(high, float(ends[2]))
+    far = min(low, float(ends[0])), max(high, float(ends[3]))
+    chosen = far if far[1] - far[0] <= 2 * (near[1] - near[0]) else near
+    margin = 0.05 * max(chosen[1] - chosen[0], 1e-12)
+    return chosen[0] - margin, chosen[1] + margin
+
+
+def _beyond(values: Array, shown: tuple[float, float]) -> str:
+    """How many of ``values`` lie outside the range ``shown``, in words; nothing where none does."""
+    outside = int(np.sum((values < shown[0]) | (values > shown[1])))
+    return f"{outside} of {len(values)} points lie beyond the picture" if outside else ""
 
 
 @cache

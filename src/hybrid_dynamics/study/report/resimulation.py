@@ -56,7 +56,7 @@ def _arms(rows: pd.DataFrame) -> str:
                 str(int(own["windows"].iloc[0])),
             ]
         )
-    heads = ["Arm", "position", "position [rad]", "velocity [rad/s]", "joints that improve", "windows"]
+    heads = ["Arm", "position: before, after", "position [rad]", "velocity [rad/s]", "joints that improve", "windows"]
     return f'<div class="drawn">{table(heads, body, "Median joint, before → after")}</div>'
 
 
