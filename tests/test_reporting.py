@@ -416,7 +416,7 @@ def test_the_park_and_the_benchmarks_are_shown_where_their_tables_are(tmp_path: 
         tmp_path / "benchmarks.csv", index=False
     )
     arms, benchmarks = campaign_sections(tmp_path)
-    assert "coulomb friction" in arms.html
+    assert "Coulomb friction" in arms.html
     assert '<td class="best">0.9</td>' in arms.html  # the loop on joint 1
     assert '<td class="best">1</td>' in arms.html  # least squares on joint 2
     assert "99 %" in arms.html

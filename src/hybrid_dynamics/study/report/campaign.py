@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from hybrid_dynamics.loop_report.html import Cell, details, escape, table
+from hybrid_dynamics.loop_report.words import title_of
 from hybrid_dynamics.study.intervals import clopper_pearson, counted
 from hybrid_dynamics.study.report.pieces import frame_table
 from hybrid_dynamics.study.report.resimulation import resimulation_section
@@ -205,8 +206,18 @@ def _arm_table(own: pd.DataFrame) -> str:
         values = (row["rigid_body"], row["least_squares"], row["loop"], row["black_box"], row["floor"])
         best = min((v for v in values[:3] if pd.notna(v)), default=math.nan)
         cells = [Cell(f"{v:.3g}" if pd.notna(v) else "–", "best" if v == best else "") for v in values]
-        body.append([str(row["joint"]), *cells, share, Cell(escape(_text(row["named"])), "text")])
+        body.append([str(row["joint"]), *cells, share, Cell(escape(_names(row["named"])), "text")])
     return table(["Joint", "rigid body", "least squares", "loop", "black box", "floor", "explained", "named"], body)
+
+
+def _names(value: object) -> str:
+    """Effects as people write them; those in brackets the test runs contradict."""
+    names = [] if value is None or value != value else str(value).split()
+    contradicted = [name.startswith("(") for name in names]
+    return ", ".join(
+        title_of(name.strip("()")) + (" (contradicted)" if against else "")
+        for name, against in zip(names, contradicted, strict=True)
+    )
 
 
 def _text(value: object) -> str:
