@@ -217,7 +217,7 @@ def _forced(judge: Judge, current: Sequence[Term]) -> set[Term]:
         lower = term.family().lower_bounds(evidence.robot, term)
         # At zero an effect that only takes energy is just not there.
         end = np.isfinite(lower) & (lower != 0.0)
-        if np.any(end & (x[start : start + term.size] <= lower + BOUND * np.abs(lower))):
+        if np.any(x[start : start + term.size][end] <= lower[end] + BOUND * np.abs(lower[end])):
             out.add(term)
     return out
 

@@ -74,7 +74,8 @@ class Gain:
 class Judge:
     """Decides what a change of held-out error is worth.
 
-    ``misfit`` (n,) [N m] is what the starting model was known to be off by on other runs: a smaller change is no news.
+    ``misfit`` (n,) [N m] is what the starting model was known to be off by on other runs, or what the steps of the
+    recorded torque round away: a smaller change is no news.
     ``low`` (n,) [N m]: no more than that is noise, by second differences.
     """
 
