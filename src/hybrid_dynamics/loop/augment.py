@@ -77,11 +77,25 @@ def _descend(evidence: Evidence, terms: Sequence[Term], own: Sequence[Term], x: 
 
     def exact(x: Array) -> float:
         effects = effects_of(evidence, terms, x)
-        evidence.renew(effects, own)
-        evidence.relinearise(effects, terms, x)
-        return evidence.squared_error(terms, x)
+        # Far from where a law means something numbers run over: that is a large error, not a fault.
+        with np.errstate(over="ignore", invalid="ignore"):
+            evidence.renew(effects, own)
+            evidence.relinearise(effects, terms, x)
+            error = evidence.squared_error(terms, x)
+        return error if np.isfinite(error) else np.inf
 
+    start = evidence.squared_error((), np.zeros(0), evidence.base_target)
     best, error = x, exact(x)
+    if error > start:
+        # The tangent was that of another model: once more from the model without these effects.
+        evidence.reset()
+        evidence.renew([], own)
+        best = evidence.fit(terms)
+        for _ in range(2 * HALVINGS):
+            error = exact(best)
+            if error <= start:
+                break
+            best = best / 2
     for _ in range(rounds):
         step = evidence.fit(terms) - best
         for _ in range(HALVINGS):

@@ -211,9 +211,12 @@ class Evidence:
         """What ``terms`` at ``x`` leave of the target (K, n) [N m] in every run."""
         return [t - part for t, part in zip(self.target, self.linear(terms, x), strict=True)]
 
-    def squared_error(self, terms: Sequence[Term], x: Array) -> float:
-        """Weighted squared residual sum of the training rows that count, in squared floors."""
-        left = self.residuals(terms, x)
+    def squared_error(self, terms: Sequence[Term], x: Array, target: Sequence[Array] | None = None) -> float:
+        """Weighted squared residual sum of the training rows that count, in squared floors.
+
+        ``target`` (one (K, n) [N m] a run) stands for that of the linear problem.
+        """
+        left = self.residuals(terms, x) if target is None else target
         sums = sum(np.sum(np.where(m, r, 0.0) ** 2, axis=0) for m, r in zip(self.mask, left, strict=True))
         return float(sums @ self.weights)
 
