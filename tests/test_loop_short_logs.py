@@ -1,0 +1,95 @@
+"""Short and coarse logs: what a few seconds show, what rounding hides, and what a flexible law must not stand for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close_loop
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.prepare import gather, read_motion, torque_step
+from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitation, excitations
+from hybrid_dynamics.trajectory import Trajectory
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return Robot.from_urdf(find_description("panda.urdf"), lock=("panda_finger_joint1", "panda_finger_joint2"))
+
+
+def named(result: LoopResult) -> set[tuple[str, tuple[str, ...]]]:
+    return {(e.effect.effect, e.effect.joints) for e in result.diagnosis.effects}
+
+
+def coulomb(robot: Robot, joints: tuple[int, ...], share: float) -> list[Effect]:
+    """Coulomb friction of ``share`` of the effort limit."""
+    torque = share * robot.effort_limits
+    return [Effect("coulomb_friction", (robot.joint_names[j],), {"coulomb_torque": float(torque[j])}) for j in joints]
+
+
+def test_small_friction_of_all_joints_is_named_from_one_run_of_five_seconds(panda: Robot) -> None:
+    # One to two floors on each joint: together they are beyond doubt, each alone is not.
+    effects = coulomb(panda, tuple(range(7)), 0.002)
+    train = [excitation(panda, effects, name="short", duration=5.0, seed=1)]
+    test = [excitation(panda, effects, name="test", split="test", duration=5.0, seed=2)]
+    found = named(close_loop(panda, train, test))
+    truth = {(e.effect, e.joints) for e in effects}
+    assert found <= truth
+    assert len(found) >= 5
+
+
+def test_friction_of_two_neighbours_is_not_called_a_coupling(panda: Robot) -> None:
+    effects = coulomb(panda, (2, 3), 0.02)
+    train = [excitation(panda, effects, name="short", duration=5.0, seed=3)]
+    test = [excitation(panda, effects, name="test", split="test", duration=5.0, seed=4)]
+    assert named(close_loop(panda, train, test)) == {(e.effect, e.joints) for e in effects}
+
+
+def in_steps(run: Trajectory, step: np.ndarray) -> Trajectory:
+    """``run`` with its torque rounded to multiples of ``step`` (n,) [N m]; inf: it always reads zero."""
+    seen = np.isfinite(step)
+    tau = np.zeros_like(run["tau"])
+    tau[:, seen] = np.round(run["tau"][:, seen] / step[seen]) * step[seen]
+    return replace(run, signals={**run.signals, "tau": tau})
+
+
+def test_a_torque_in_wide_steps_or_none_at_all_makes_no_bodies(panda: Robot) -> None:
+    # Steps ten times as wide as the noise, and a wrist whose sensor is too coarse to see anything.
+    name = panda.joint_names[1]
+    effects = [Effect("viscous_friction", (name,), {"viscous_coefficient": 12.0})]
+    step = 0.01 * panda.effort_limits
+    step[6] = np.inf
+    runs = excitations(panda, effects, train=2, test=1, duration=6.0, torque_noise_share=0.0005)
+    train, test = ([in_steps(run, step) for run in part] for part in runs)
+    recorded = torque_step(train)
+    assert np.allclose(recorded[:6], step[:6])
+    assert np.isinf(recorded[6])
+    result = close_loop(panda, train, test)
+    assert named(result) == {("viscous_friction", (name,))}
+    assert any("panda_joint7 never changes" in note for note in result.diagnosis.notes)
+    # The floor knows what rounding takes away.
+    assert np.all(np.asarray(result.diagnosis.noise_floor)[:6] >= 0.99 * step[:6] / np.sqrt(12))
+    # Control: with noise wider than the steps, these are part of it.
+    assert np.all(torque_step([excitation(panda, effects, duration=2.0)]) == 0.0)
+
+
+def test_a_refit_from_the_tangent_of_another_model_still_lowers_the_error(panda: Robot) -> None:
+    effects = [Effect("torque_gain", (panda.joint_names[1],), {"gain": 1.2})]
+    train, test = excitations(panda, effects, train=1, test=1, duration=4.0)
+    settings = LoopSettings(effects=("torque_gain", "coulomb_friction"))
+    logs = read_motion(panda, train, test, settings)
+    judge, terms, _ = gather(Model(panda), logs, settings)
+    evidence = judge.evidence
+    chosen = [Term("torque_gain", 1), *(t for t in terms if t.effect == "coulomb_friction" and not t.settings)]
+    bare = evidence.squared_error((), np.zeros(0), evidence.base_target)
+    # As a search leaves it that has just looked at something far away.
+    far = [Effect("torque_gain", (panda.joint_names[1],), {"gain": 40.0})]
+    evidence.renew(far, [chosen[0]])
+    evidence.relinearise(far, [chosen[0]], np.array([39.0]))
+    x = refit(evidence, chosen)
+    assert x[0] == pytest.approx(0.2, rel=0.02)
+    assert evidence.squared_error(chosen, x) < 0.5 * bare
