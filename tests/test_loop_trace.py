@@ -16,6 +16,7 @@ from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.layout import Layout
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.process import process
+from hybrid_dynamics.loop.prune import choose
 from hybrid_dynamics.loop.search import _replace, search
 from hybrid_dynamics.loop.trace import Judge, rank
 from hybrid_dynamics.robots import Robot, find_description
@@ -149,3 +150,20 @@ def test_a_body_gives_way_to_two_simple_effects_that_explain_as_much_and_a_true_
     heavier = own + to_dynamic({p.name: 0.0 for p in BODY_PARAMETERS} | {"mass": 2.0, "com_z": -0.1, "com_x": 0.1,
                                "inertia_xx": 0.01, "inertia_yy": 0.01, "inertia_zz": 0.01})  # fmt: skip
     assert start_from_body(robot, [Effect("link_inertia", (joint,), to_body(heavier))]) == [Term("link_inertia", 1)]
+
+
+def test_of_ends_that_met_in_the_same_terms_the_first_counts_whatever_rounding_says(monkeypatch):
+    told = {frozenset([VISCOUS, OTHER]): NOISE, frozenset([CURVED]): NOISE + LARGE}
+    judged = judge(told)
+    monkeypatch.setattr("hybrid_dynamics.loop.prune.refit", lambda evidence, terms: None)
+    monkeypatch.setattr("hybrid_dynamics.loop.prune._held", lambda judge, terms: Scored(next(scores)))
+    for ends in ([[VISCOUS, OTHER], [OTHER, VISCOUS]], [[OTHER, VISCOUS], [VISCOUS, OTHER]]):
+        scores = iter([1.0, 1.0 - 1e-12])
+        assert choose(judged, ends) == ends[0]
+
+
+@dataclass
+class Scored:
+    """A held-out prediction of which the score alone is asked."""
+
+    score: float

@@ -79,7 +79,11 @@ def from_everything(judge: Judge, candidates: Sequence[Term], report: Callable[[
 
 
 def choose(judge: Judge, ends: Sequence[Sequence[Term]]) -> list[Term]:
-    """The best of several ends by held-out error; of those as good, the one of the lowest price."""
+    """The best of several ends by held-out error; of those as good, the one of the lowest price.
+
+    Of ends that met in the same terms the first: their errors differ by rounding alone.
+    """
+    ends = [end for k, end in enumerate(ends) if set(end) not in map(set, ends[:k])]
     held = [_held(judge, end) for end in ends]
     best = min(range(len(ends)), key=lambda k: held[k].score)
     refit(judge.evidence, ends[best])
