@@ -156,9 +156,9 @@ def test_of_ends_that_met_in_the_same_terms_the_first_counts_whatever_rounding_s
     told = {frozenset([VISCOUS, OTHER]): NOISE, frozenset([CURVED]): NOISE + LARGE}
     judged = judge(told)
     monkeypatch.setattr("hybrid_dynamics.loop.prune.refit", lambda evidence, terms: None)
-    monkeypatch.setattr("hybrid_dynamics.loop.prune._held", lambda judge, terms: Scored(next(scores)))
     for ends in ([[VISCOUS, OTHER], [OTHER, VISCOUS]], [[OTHER, VISCOUS], [VISCOUS, OTHER]]):
-        scores = iter([1.0, 1.0 - 1e-12])
+        scores = [1.0 - 1e-12, 1.0]
+        monkeypatch.setattr("hybrid_dynamics.loop.prune._held", lambda judge, terms, left=scores: Scored(left.pop()))
         assert choose(judged, ends) == ends[0]
 
 
