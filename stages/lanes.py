@@ -24,6 +24,9 @@ from collections.abc import Iterable
 from hybrid_dynamics.errors import HybridDynamicsError, run_main
 
 DVC = [sys.executable, "-m", "dvc"]
+#: DVC gives up after three seconds where another process holds its lock, which on a busy machine two lanes that begin
+#: together easily do.
+REPRO = [*DVC, "--wait-for-lock", "repro"]
 #: Seconds that an interrupted lane has to end its stage by itself.
 PATIENCE = 20.0
 
@@ -158,10 +161,10 @@ def main() -> None:
         return
     if arguments.lanes > 1 and len(found) > 1:
         lanes = Lanes(arguments.lanes)
-        lanes.run({title(names): [*DVC, "repro", *names] for names in found})
+        lanes.run({title(names): [*REPRO, *names] for names in found})
         if lanes.failed:
             raise HybridDynamicsError(f"failed: {', '.join(lanes.failed)}; what it said stands above")
-    if subprocess.run([*DVC, "repro"], check=False).returncode:
+    if subprocess.run(REPRO, check=False).returncode:
         raise HybridDynamicsError("dvc repro failed; what it said stands above")
 
 

@@ -18,7 +18,8 @@ import time
 from pathlib import Path
 
 import psutil
-from tests.test_pipeline import clone
+from stages.compose import compose
+from tests.test_pipeline import SMALL, clone
 
 #: Longest time from the first stage of a pass that works to its kill [s].
 LONGEST = 30.0
@@ -87,6 +88,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--longest", type=float, default=LONGEST, help="of a stage's work before a kill [s]")
+    parser.add_argument("--study", nargs="+", default=SMALL, metavar="NAME=VALUE", help="what is run, as for -S")
     wanted = parser.parse_args()
     moments = random.Random(wanted.seed)
     with tempfile.TemporaryDirectory() as base:
@@ -94,9 +97,11 @@ def main() -> int:
         for folder in folders.values():
             folder.mkdir()
             clone(folder)
+            compose(folder / "params.yaml", wanted.study)
+        undisturbed = start(folders["undisturbed"])
         for k in range(wanted.kills):
             process = start(folders["killed"])
-            after = moments.uniform(0.0, LONGEST)
+            after = moments.uniform(0.0, wanted.longest)
             while process.poll() is None and not works(process):
                 time.sleep(0.1)
             try:
@@ -106,7 +111,7 @@ def main() -> int:
             except subprocess.TimeoutExpired:
                 how = kill_all if k % 2 == 0 else kill_stage
                 print(f"{k + 1}: after {after:.1f} s of work killed {how(process)}", flush=True)
-        codes = {name: start(folder).wait() for name, folder in folders.items()}
+        codes = {"killed": start(folders["killed"]).wait(), "undisturbed": undisturbed.wait()}
         found = {name: content(folder) for name, folder in folders.items()}
         tail = (folders["killed"] / "run.log").read_text("utf-8", "replace").splitlines()[-3:]
     a, b = found["undisturbed"], found["killed"]
