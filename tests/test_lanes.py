@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from dvc.lock import Lock
 from stages.lanes import Lanes, graph, groups, title
 
 ROOT = Path(__file__).parents[1]
@@ -106,6 +107,23 @@ def test_a_project_of_two_data_sets_is_built_and_plain_repro_agrees(tmp_path):
         check=True,
     )
     assert "up to date" in again.stdout
+
+
+def test_a_lane_waits_for_the_lock_of_another_process(tmp_path):
+    """DVC alone gives up after three seconds; on a busy machine another one holds the lock for longer."""
+    environment = pipeline(tmp_path)
+    lock = Lock(str(tmp_path / ".dvc/tmp/lock"))
+    lock.lock()
+    # The control: this is the lock that DVC asks for.
+    command = [sys.executable, "-m", "dvc", "repro"]
+    alone = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert alone.returncode != 0
+    assert "Unable to acquire lock" in alone.stderr
+    with subprocess.Popen([sys.executable, "-m", "stages.lanes"], cwd=tmp_path, env=environment) as waiting:
+        time.sleep(6.0)
+        lock.unlock()
+        assert waiting.wait(120) == 0
+    assert (tmp_path / "report").read_text() == "a\nb\n"
 
 
 def test_ctrl_c_ends_all_lanes(tmp_path):
