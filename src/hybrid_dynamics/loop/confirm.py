@@ -102,7 +102,11 @@ def _worse_joints(
     asked: dict[Term, TestChange],
     tests: Sequence[Run],
 ) -> list[Term]:
-    """Names on joints that end surely worse than they began and would be better without them."""
+    """Names on joints that end surely worse than they began and would be better without them.
+
+    A name of another joint that makes them so goes where it helps nothing on the whole.
+    """
     change = test_change(judge, tests, model, base)
-    worse = set(np.flatnonzero(change.per_joint > 0.05))
-    return [s for s in kept if s.joint in worse and asked[s].per_joint[s.index] > 0.01]
+    worse = np.flatnonzero(change.per_joint > 0.05)
+    harmful = [s for s in kept if np.any(asked[s].per_joint[worse] > 0.01)]
+    return [s for s in harmful if s.joint in worse or asked[s].relative > 0]

@@ -16,6 +16,7 @@ from scipy.optimize import minimize_scalar
 from hybrid_dynamics.effects import Motion, Term, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import difference_floor
+from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge, covers
 
 #: Of the squared noise by second differences, the share by which a joint must exceed it to be asked further.
@@ -85,7 +86,8 @@ def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -
         if not trials:
             continue
         best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[i])))
-        if judge.as_good(evidence.held(best, physical=True), evidence.held(out, physical=True)):
+        good = judge.as_good(evidence.held(best, physical=True), evidence.held(out, physical=True))
+        if good and take(judge, out, best):
             out = best
     refit(evidence, out)
     return out

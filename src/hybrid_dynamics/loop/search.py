@@ -89,11 +89,7 @@ def search(
                 break
             trial = replaced
         seen.add(frozenset(trial))
-        limit = max(before.score, evidence.held(trial, physical=True).score)
-        refit(evidence, trial, everything=True)
-        if evidence.held(trial, physical=True).score > (1 + BROKEN_PROMISE) * limit:
-            # Linear as far as it was judged; the law as it is does not keep what its tangent promised.
-            refit(evidence, current, everything=True)
+        if not take(judge, current, trial):
             continue
         current[:] = trial
         record(action, added, table)
@@ -105,6 +101,20 @@ def search(
             refit(evidence, current, everything=True)
             record("drop", useless)
     return steps
+
+
+def take(judge: Judge, current: Sequence[Term], trial: Sequence[Term]) -> bool:
+    """Re-fit ``trial``; back to ``current``, and False, where it does not keep what its tangent promised.
+
+    Candidates are judged with every law linear where the model stands; the law as it is may end far from there.
+    """
+    evidence = judge.evidence
+    limit = max(evidence.held(terms, physical=True).score for terms in (current, trial))
+    refit(evidence, trial, everything=True)
+    if evidence.held(trial, physical=True).score <= (1 + BROKEN_PROMISE) * limit:
+        return True
+    refit(evidence, current, everything=True)
+    return False
 
 
 def better_settings(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
