@@ -94,7 +94,8 @@ class InertialParameters(Family):
         return [(10 * i, link_parameters(robot, k)) for i, k in enumerate(self._links(robot, term))]
 
     def covers(self, term: Term, special: Term) -> bool:
-        return super().covers(term, special) or special.effect == "payload"
+        # Bodies of single links, on whatever joint, and one at the end.
+        return special.effect in (*self.contains, "payload")
 
     def price(self, settings: Mapping[str, Any]) -> int:
         return min(super().price(settings), _PRICE)

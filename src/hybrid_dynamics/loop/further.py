@@ -25,6 +25,8 @@ EXCESS = 0.1
 MOST_NUMBERS = 3
 #: Places that are offered at most.
 MOST_PLACES = 24
+#: And so many in the place of bodies.
+MOST_INSTEAD = 6
 #: Rows that proposals are made from, at most, per run.
 _ROWS = 4000
 #: Steps of the refinement of one nonlinear parameter.
@@ -39,6 +41,9 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     low = np.minimum(difference_floor(evidence.runs, residual, evidence.mask), judge.low)
     held = judge.mean_square(evidence.held(chosen, physical=True))
     left = (judge.floor > 0) & (held > (1 + EXCESS) * low**2)
+    # A body of one link has many numbers: it may stand for a wrong zero or a spring of its joint, and leave nothing.
+    bodies = [s for s in chosen if s.family().is_body and s.joint is not None]
+    left[[s.index for s in bodies]] = judge.floor[[s.index for s in bodies]] > 0
     if not left.any() or not settings.further:
         return []
     motions, rest = [], []
@@ -55,11 +60,15 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     terms = [s for s in few if not evidence.has(s)]
     evidence.add_terms(terms)
     refit(evidence, chosen, everything=True)
-    return _promising(judge, chosen, terms)
+    found = _promising(judge, chosen, terms, MOST_PLACES)
+    if bodies:
+        instead = _promising(judge, [s for s in chosen if s not in bodies], terms, MOST_INSTEAD)
+        found += [s for s in instead if s not in found]
+    return found
 
 
-def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term]) -> list[Term]:
-    """The best settings of every place, and of the places those that lower the held-out error most."""
+def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term], most: int) -> list[Term]:
+    """The best settings of every place, and of the places the ``most`` that lower the held-out error best."""
     evidence = judge.evidence
     now = evidence.held(chosen).score
     best: dict[tuple[Any, ...], tuple[float, Term]] = {}
@@ -67,7 +76,7 @@ def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term]) -> l
         score = evidence.held([*(s for s in chosen if not covers(term, s)), term]).score
         if score < now and score < best.get(term.place, (np.inf, term))[0]:
             best[term.place] = score, term
-    return [term for _, term in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:MOST_PLACES]]
+    return [term for _, term in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:most]]
 
 
 def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
