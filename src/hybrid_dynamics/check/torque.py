@@ -85,7 +85,9 @@ def _holds(told: Guess, best: Guess) -> bool:
         return False
     changed = [j for j, (a, b) in enumerate(zip(told.scores, best.scores, strict=True)) if abs(a - b) > 0.05]
     gained = [j for j in changed if best.scores[j] < told.scores[j]]
-    return bool(gained) and all(_left(best.scores[j]) < EXPLAINED for j in gained)
+    # Where columns change places, each must be at home where it goes: one that says nothing has no place.
+    moved = [j for j, k in enumerate(best.source) if j != k]
+    return bool(gained) and all(_left(best.scores[j]) < EXPLAINED for j in {*gained, *moved})
 
 
 def _left(score: float) -> float:
