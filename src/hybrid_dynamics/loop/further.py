@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from hybrid_dynamics.effects import Motion, Term, family
+from hybrid_dynamics.effects import Family, Motion, Term, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.search import take
@@ -43,8 +43,8 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     left = (judge.floor > 0) & (held > (1 + EXCESS) * low**2)
     # A body of one link has many numbers: it may stand for a wrong zero or a spring of its joint, and leave nothing.
     bodies = [s for s in chosen if s.family().is_body and s.joint is not None]
-    left[[s.index for s in bodies]] = judge.floor[[s.index for s in bodies]] > 0
-    if not left.any() or not settings.further:
+    bodily = np.isin(np.arange(evidence.n), [s.index for s in bodies]) & (judge.floor > 0)
+    if not np.any(left | bodily) or not settings.further:
         return []
     motions, rest = [], []
     for run, r in zip(evidence.runs, residual, strict=True):
@@ -54,17 +54,25 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     terms = []
     for name in settings.further:
         kind = family(name)
-        terms += kind.terms(evidence.robot, left, settings.options)
-        terms += kind.propose([run.name for run in evidence.runs], motions, rest, left)
+        where = left | bodily if _like_a_body(kind) else left
+        if where.any():
+            terms += kind.terms(evidence.robot, where, settings.options)
+            terms += kind.propose([run.name for run in evidence.runs], motions, rest, where)
     few = [s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS]
     terms = [s for s in few if not evidence.has(s)]
     evidence.add_terms(terms)
     refit(evidence, chosen, everything=True)
     found = _promising(judge, chosen, terms, MOST_PLACES)
     if bodies:
-        instead = _promising(judge, [s for s in chosen if s not in bodies], terms, MOST_INSTEAD)
+        alike = [s for s in terms if _like_a_body(s.family())]
+        instead = _promising(judge, [s for s in chosen if s not in bodies], alike, MOST_INSTEAD)
         found += [s for s in instead if s not in found]
     return found
+
+
+def _like_a_body(kind: Family) -> bool:
+    """True for a wrong zero, a spring, a gain: what a link's body can make the torque of."""
+    return any(family(name).changes_body for alike in kind.equivalent_to for name in alike.effects)
 
 
 def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term], most: int) -> list[Term]:
