@@ -213,7 +213,7 @@ def _replace(
         rest = [s for s in current if s not in group]
         price = judge.price(*group)
         for term in _rivals(likeness, group, rest, candidates):
-            trial = [*rest, term]
+            trial = [*(s for s in rest if not covers(term, s)), term]
             if frozenset(trial) in seen:
                 continue
             simpler = judge.price(term) < price
