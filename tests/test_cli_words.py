@@ -74,7 +74,9 @@ def test_words_for_what_cannot_be_told_apart():
     assert headline(value).endswith("22.8 % → 22.8 %")
     header, rows = joint_rows(value)
     assert len(header) == len(rows[0]) == 6
-    assert rows[0] == ["a", "1", "1", "10 %", "0.1 (0.05 to 0.2)", "down to the noise"]
+    assert rows[0] == ["a", "1", "1", "10 %", "0.1 (0.05 to 0.2)", "above the noise; no cause found"]
+    value["noise_floor_high"] = [0.9, 0.9]
+    assert joint_rows(value)[1][0][-1] == "down to the noise"
 
 
 SETTINGS = {

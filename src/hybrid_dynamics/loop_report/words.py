@@ -19,6 +19,9 @@ VERDICTS = {
 }
 #: What is left on a joint whose alarm is on, and on one that leaves it open.
 ALARM, SLOW = "still depends on the motion", "cannot be told from slow noise"
+ABOVE = "above the noise; no cause found"
+#: Times the upper bound of the floor beyond which a held-out error is more than noise.
+ABOVE_NOISE = 1.25
 #: Standard errors beyond which a change is more than chance.
 SURE = 2.0
 #: Names that are people's.
@@ -234,7 +237,16 @@ def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
         return "open", SLOW
     if "motion_dependent" not in d and name in {entry["joint"] for entry in d["unexplained"]}:
         return "open", "something is left"
-    return "good", "down to the noise"
+    return ("open", ABOVE) if _above_noise(d, joint) else ("good", "down to the noise")
+
+
+def _above_noise(d: Diagnosis, joint: int) -> bool:
+    """True where the held-out error in motion is surely more than the noise, though nothing tells of what."""
+    high = d.get("noise_floor_high")
+    if high is None:
+        return False
+    after = final_errors(d, of="error_moving" if "error_moving" in d else "error")["rmse"][joint]
+    return bool(after is not None and high[joint] and after > ABOVE_NOISE * high[joint])
 
 
 def _flags(d: Diagnosis, key: str) -> list[bool]:
