@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from hybrid_dynamics.errors import run_main
+from hybrid_dynamics.errors import InputError, run_main
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.study.layout import RESIMULATION_COLUMNS
 from hybrid_dynamics.study.resimulation import state_errors
@@ -15,8 +15,13 @@ def main() -> None:
     logs = files.park / "trajectories.parquet"
     if logs.is_file():
         model, urdf = files.park / "loop" / "model.json", files.park / "robot.urdf"
-        table = state_errors(files.dataset, RECORDED, model, urdf, read_trajectories(logs, split="test"))
-        print(f"{files.dataset}: held-out runs simulated again in MuJoCo")
+        try:
+            table = state_errors(files.dataset, RECORDED, model, urdf, read_trajectories(logs, split="test"))
+            print(f"{files.dataset}: held-out runs simulated again in MuJoCo")
+        except InputError as error:
+            # A maker's URDF may have links that no simulator takes; torque does not need them, so the arm stays.
+            table = pd.DataFrame(columns=list(RESIMULATION_COLUMNS))
+            print(f"{files.dataset}: cannot be simulated again, and has no row in the table: {error}")
     else:
         # Its recording could not be had: park_arm left it out, and so does this.
         table = pd.DataFrame(columns=list(RESIMULATION_COLUMNS))
