@@ -18,6 +18,7 @@ from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
 from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE_KEPT, Gain, Judge, covers, rank, same_place
+from hybrid_dynamics.types import Array
 
 #: A family must surely sit on at least this many joints, and on half of those that move, to be common.
 FEWEST_COMMON = 3
@@ -201,15 +202,31 @@ def _common(judge: Judge, current: Sequence[Term], gains: dict[Term, Gain], look
     return out
 
 
+def without_noise(judge: Judge, current: Sequence[Term]) -> list[Term]:
+    """``current`` without terms of one coefficient below its own standard error, the least first: no result."""
+    kept = list(current)
+    while True:
+        x = refit(judge.evidence, kept)
+        small = {t: size for t, size in _in_errors(judge, kept, x).items() if size < 1.0}
+        if not small:
+            return kept
+        kept.remove(min(small, key=lambda t: (small[t], repr(t))))
+
+
 def _clear(judge: Judge, current: Sequence[Term]) -> set[Term]:
     """Terms of one coefficient that exceeds its standard error at the level of one question a joint."""
+    level = judge.level(judge.evidence.n, len(judge.evidence.blocks.rows))
+    sizes = _in_errors(judge, current, judge.evidence.fit(current))
+    return {t for t, size in sizes.items() if size > level}
+
+
+def _in_errors(judge: Judge, current: Sequence[Term], x: Array) -> dict[Term, float]:
+    """Size of every term of one coefficient at coordinates ``x`` in its own standard errors."""
     evidence = judge.evidence
-    x = evidence.fit(current)
-    spread = np.sqrt(np.maximum(np.diag(evidence.covariance(current, x)), 0.0))
-    level = judge.level(evidence.n, len(evidence.blocks.rows))
+    spread = np.sqrt(np.maximum(np.diag(evidence.covariance(current, x)), 1e-300)) if current else np.zeros(0)
     layout = evidence.layout(current)
     places = zip(layout.terms, layout.starts, strict=True)
-    return {t for t, start in places if t.size == 1 and abs(x[start]) > level * spread[start]}
+    return {t: float(abs(x[start]) / spread[start]) for t, start in places if t.size == 1}
 
 
 def _forced(judge: Judge, current: Sequence[Term]) -> set[Term]:
