@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.small_arm import arm
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close_loop
+from hybrid_dynamics.loop import search as search_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.prepare import gather, read_motion, torque_step
+from hybrid_dynamics.loop.search import search
+from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation, excitations
 from hybrid_dynamics.trajectory import Trajectory
@@ -93,3 +98,27 @@ def test_a_refit_from_the_tangent_of_another_model_still_lowers_the_error(panda:
     x = refit(evidence, chosen)
     assert x[0] == pytest.approx(0.2, rel=0.02)
     assert evidence.squared_error(chosen, x) < 0.5 * bare
+
+
+def test_a_refused_change_that_takes_the_place_of_another_is_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    # One friction for each direction holds plain Coulomb friction and would take its place, but is refused.
+    robot = arm()
+    elbow = robot.joint_names[1]
+    wanted = {"coulomb_torque_positive": 3.0, "coulomb_torque_negative": 0.5}
+    effects = [Effect("asymmetric_coulomb_friction", (elbow,), wanted)]
+    train, test = excitations(robot, effects, train=2, test=1, duration=4.0)
+    families = ("coulomb_friction", "asymmetric_coulomb_friction")
+    settings = LoopSettings(effects=families)
+    judge, terms, _ = gather(Model(robot), read_motion(robot, train, test, settings), settings)
+    plain = next(t for t in terms if t.effect == "coulomb_friction" and t.joint == 1 and not t.settings)
+    tried: list[frozenset[Term]] = []
+
+    def refuse(judge: Judge, current: Sequence[Term], trial: Sequence[Term]) -> bool:
+        assert frozenset(trial) not in tried
+        tried.append(frozenset(trial))
+        return False
+
+    monkeypatch.setattr(search_module, "take", refuse)
+    steps = search(judge, terms, lambda step: None, [plain])
+    assert [step.action for step in steps] == ["stop"]
+    assert any({t.effect for t in trial} == {"asymmetric_coulomb_friction"} for trial in tried)

@@ -20,7 +20,7 @@ from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
-from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers, joined, rank, same_place
 
 #: An effect that was dropped this often is left alone.
 MOST_DROPS = 2
@@ -72,10 +72,11 @@ def search(
         before = evidence.held(current, physical=True)
         table = rank(judge, current, [c for c in candidates if dropped[c] < MOST_DROPS], before)
         room = len(current) < settings.max_effects
-        choice = next((c for c in table if room and c.accepted and frozenset([*current, c.term]) not in seen), None)
+        fresh = (c for c in table if room and c.accepted and frozenset(joined(current, c.term)) not in seen)
+        choice = next(fresh, None)
         if choice is not None:
             action, added = "add", choice.term
-            trial = [*(s for s in current if not covers(added, s)), added]
+            trial = joined(current, added)
         else:
             action, added = "replace", None
             replaced = None
@@ -213,7 +214,7 @@ def _replace(
         rest = [s for s in current if s not in group]
         price = judge.price(*group)
         for term in _rivals(likeness, group, rest, candidates):
-            trial = [*(s for s in rest if not covers(term, s)), term]
+            trial = joined(rest, term)
             if frozenset(trial) in seen:
                 continue
             simpler = judge.price(term) < price

@@ -209,11 +209,11 @@ def rank(judge: Judge, current: Sequence[Term], candidates: Sequence[Term], befo
     free = [c for c in candidates if not any(same_place(c, o) or covers(o, c) for o in current)]
     if active:
         # Every physical fit takes a while then: the best under bounds alone are looked at.
-        screened = {c: evidence.held(_joined(current, c)).score for c in free}
+        screened = {c: evidence.held(joined(current, c)).score for c in free}
         free = sorted(free, key=lambda c: (screened[c], term_order(c)))[: 2 * TABLE_ROWS]
-    held = {c: evidence.held(_joined(current, c), physical=True) for c in free}
+    held = {c: evidence.held(joined(current, c), physical=True) for c in free}
     order = sorted(held, key=lambda s: (held[s].score, s.size, term_order(s)))[:TABLE_ROWS]
-    rows = {s: _judged(judge, s, _joined(current, s), before, held[s]) for s in order}
+    rows = {s: _judged(judge, s, joined(current, s), before, held[s]) for s in order}
     # Of those that may be named the best, and of its rivals the simplest; without any, the same of all.
     pool = [s for s in order if rows[s].accepted] or order
     if not pool:
@@ -223,10 +223,10 @@ def rank(judge: Judge, current: Sequence[Term], candidates: Sequence[Term], befo
     return [rows[chosen], *(rows[s] for s in order if s != chosen)]
 
 
-def _judged(judge: Judge, term: Term, joined: Sequence[Term], before: Held, after: Held) -> Candidate:
-    """The row of ``term`` in the evidence table, from held-out predictions without it and of ``joined``, with it."""
+def _judged(judge: Judge, term: Term, terms: Sequence[Term], before: Held, after: Held) -> Candidate:
+    """The row of ``term`` in the evidence table, from held-out predictions without it and of ``terms``, with it."""
     total = float(judge.evidence.samples[judge.evidence.samples >= FEWEST_ROWS].sum()) or 1.0
-    gain = judge.worth(joined, term) if term.family().beside else judge.gain(after, before)
+    gain = judge.worth(terms, term) if term.family().beside else judge.gain(after, before)
     certain = gain.surer_than(judge.settings.gain_in_errors)
     nibbles = judge.nibbles(term, gain, after, NIBBLE)
     matters = judge.matters(term, gain.per_joint, judge.settings.floor_share, gain.surer_than(DECISIVE))
@@ -251,6 +251,6 @@ def _too_small(nibbles: bool) -> str:
     return "too little of what is left" if nibbles else "too small to matter"
 
 
-def _joined(current: Sequence[Term], term: Term) -> list[Term]:
+def joined(current: Sequence[Term], term: Term) -> list[Term]:
     """``current`` with ``term`` in the place of what it contains."""
     return [*(s for s in current if not covers(term, s)), term]
