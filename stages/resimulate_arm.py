@@ -13,6 +13,7 @@ from stages.common import dataset_argument
 def main() -> None:
     files = dataset_argument(__doc__)
     logs = files.park / "trajectories.parquet"
+    table = pd.DataFrame(columns=list(RESIMULATION_COLUMNS))
     if logs.is_file():
         model, urdf = files.park / "loop" / "model.json", files.park / "robot.urdf"
         try:
@@ -20,11 +21,9 @@ def main() -> None:
             print(f"{files.dataset}: held-out runs simulated again in MuJoCo")
         except InputError as error:
             # A maker's URDF may have links that no simulator takes; torque does not need them, so the arm stays.
-            table = pd.DataFrame(columns=list(RESIMULATION_COLUMNS))
             print(f"{files.dataset}: cannot be simulated again, and has no row in the table: {error}")
     else:
         # Its recording could not be had: park_arm left it out, and so does this.
-        table = pd.DataFrame(columns=list(RESIMULATION_COLUMNS))
         print(f"{files.dataset}: left out of the park")
     write_text(files.park_resimulation, table.to_csv(index=False, float_format="%.6g"))
 

@@ -74,7 +74,7 @@ def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequenc
     """Ask the test runs about every name in ``full``, the model of what was ``found`` on top of ``base``.
 
     The most contradicted name goes first and the rest are asked again without it. A joint that still ends worse than it
-    began loses the single-joint names that make it so.
+    began loses the names that make it so: its own, and those of others that help nothing on the whole.
     """
     changes: dict[Term, TestChange] = {}
     kept, refused, model = list(found.terms), [], full

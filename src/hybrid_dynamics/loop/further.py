@@ -17,7 +17,7 @@ from hybrid_dynamics.effects import Family, Motion, Term, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge, covers
+from hybrid_dynamics.loop.trace import Judge, joined
 
 #: Of the squared noise by second differences, the share by which a joint must exceed it to be asked further.
 EXCESS = 0.1
@@ -81,7 +81,7 @@ def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term], most
     now = evidence.held(chosen).score
     best: dict[tuple[Any, ...], tuple[float, Term]] = {}
     for term in terms:
-        score = evidence.held([*(s for s in chosen if not covers(term, s)), term]).score
+        score = evidence.held(joined(chosen, term)).score
         if score < now and score < best.get(term.place, (np.inf, term))[0]:
             best[term.place] = score, term
     return [term for _, term in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:most]]

@@ -41,6 +41,11 @@ class Logs:
     step: Array
     notes: list[str]
 
+    @property
+    def rounding(self) -> Array:
+        """(n,) [N m] standard deviation of what the steps of the torque round away."""
+        return np.asarray(self.step / np.sqrt(12.0))
+
 
 def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajectory], settings: LoopSettings) -> Logs:
     """Process all runs; without test runs the last part of every training run is held out."""
@@ -90,7 +95,7 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     evidence.weigh(floor)
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
     # What rounding takes away follows the motion: a change within it is no news either.
-    misfit = np.maximum(misfit, logs.step / np.sqrt(12.0))
+    misfit = np.maximum(misfit, logs.rounding)
     return Judge(evidence, settings, floor, torque.var(axis=0), misfit, np.maximum(low, least)), terms, notes
 
 
@@ -98,7 +103,7 @@ def resolution(logs: Logs, settings: LoopSettings) -> Array:
     """(n,) [N m] below which no floor lies: a share of the measured torque, and what its steps round away."""
     torque = np.concatenate([run.tau for run in logs.train])
     share = settings.resolution * np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
-    return np.asarray(np.maximum(share, logs.step / np.sqrt(12.0)))
+    return np.asarray(np.maximum(share, logs.rounding))
 
 
 def candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -> list[Term]:

@@ -17,7 +17,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
-from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE_KEPT, Gain, Judge, covers, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE_KEPT, Gain, Judge, has_family, joined, rank, same_place
 from hybrid_dynamics.types import Array
 
 #: A family must surely sit on at least this many joints, and on half of those that move, to be common.
@@ -52,7 +52,7 @@ def from_everything(judge: Judge, candidates: Sequence[Term], report: Callable[[
         choice = next((c for c in table if c.accepted), None)
         if choice is None:
             break
-        current = [s for s in current if not covers(choice.term, s)] + [choice.term]
+        current = joined(current, choice.term)
         wide = [c for c in wide if not same_place(c, choice.term)]
         refit(evidence, current)
         steps.append(step_of(judge, "add", choice.term, current, table))
@@ -126,10 +126,8 @@ def keep_sure(
             sure = gain.surer_than(level) and not judge.nibbles(term, gain, full, NIBBLE_KEPT)
             if term in forced:
                 weak.append((-np.inf, term))
-                continue
-            if sure or (expected and term in clear and gain.total > -gain.error):
-                continue
-            weak.append((gain.total / max(gain.error * level, 1e-300), term))
+            elif not sure and not (expected and term in clear and gain.total > -gain.error):
+                weak.append((gain.total / max(gain.error * level, 1e-300), term))
         if not weak:
             return kept, common, steps
         _, term = min(weak, key=lambda item: (item[0], repr(item[1])))
@@ -156,7 +154,7 @@ def complete(
     for name in sorted(_on_most(sits, len(moving)) | set(common)):
         for joint in moving:
             offered = [c for c in candidates if c.effect == name and c.joint == joint]
-            if not offered or any(s.joint == joint and (s.effect == name or name in s.family().contains) for s in out):
+            if not offered or has_family(out, name, joint):
                 continue
             trials = [[*out, c] for c in offered]
             best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[-1])))

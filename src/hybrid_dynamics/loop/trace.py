@@ -106,11 +106,10 @@ class Judge:
         """What ``term`` of ``terms`` gains over none, or over the plain effects of its joints that it could stand for,
         whichever is less."""
         held = self.evidence.held
-        rest = [t for t in terms if t != term]
+        full, rest = held(terms, physical=True), [t for t in terms if t != term]
         plain = self.beside(rest, term)
-        full = held(terms, physical=True)
-        gains = [self.gain(full, held([*rest, *more], physical=True), noise) for more in ([], plain)[: 1 + bool(plain)]]
-        return min(gains, key=lambda gain: gain.total)
+        rivals = [rest, [*rest, *plain]] if plain else [rest]
+        return min((self.gain(full, held(rival, physical=True), noise) for rival in rivals), key=lambda g: g.total)
 
     def nibbles(self, term: Term, gain: Gain, after: Held, share: float) -> bool:
         """True where an effect of the further families takes less than ``share`` of what was left where it acts.
@@ -133,10 +132,9 @@ class Judge:
         out: list[Term] = []
         for name in term.family().beside:
             for joint in np.flatnonzero(evidence.acts(term)):
-                there = any(t.joint == joint and (t.effect == name or name in t.family().contains) for t in terms)
                 own = [t for t in evidence.columns.terms if t.effect == name and t.joint == joint]
                 offered = [t for t in own if ONLY_RUN not in t.options]
-                if not there and offered:
+                if offered and not has_family(terms, name, int(joint)):
                     out.append(min(offered, key=lambda t: (evidence.held([*terms, t]).score, term_order(t))))
         return out
 
@@ -176,7 +174,7 @@ class Judge:
 
         A gain elsewhere comes from what the effect allows the others to do: a proxy, unless it is ``decisive``.
         """
-        counted = np.ones(self.evidence.n, bool) if decisive else self.evidence.columns.acts(term)
+        counted = np.ones(self.evidence.n, bool) if decisive else self.evidence.acts(term)
         return int(np.sum((joint_gain > self._bar(share)) & counted)) >= self.needed(term)
 
 
@@ -231,6 +229,12 @@ def _judged(judge: Judge, term: Term, terms: Sequence[Term], before: Held, after
     nibbles = judge.nibbles(term, gain, after, NIBBLE)
     matters = judge.matters(term, gain.per_joint, judge.settings.floor_share, gain.surer_than(DECISIVE))
     accepted = certain and matters and not nibbles
+    if accepted:
+        reason = "accepted"
+    elif not certain:
+        reason = "within uncertainty"
+    else:
+        reason = "too little of what is left" if nibbles else "too small to matter"
     return Candidate(
         term,
         after.score / total,
@@ -238,17 +242,18 @@ def _judged(judge: Judge, term: Term, terms: Sequence[Term], before: Held, after
         gain.error / total,
         tuple(float(g) for g in gain.per_joint),
         accepted,
-        "accepted" if accepted else "within uncertainty" if not certain else _too_small(nibbles),
+        reason,
     )
+
+
+def has_family(terms: Sequence[Term], name: str, joint: int) -> bool:
+    """True where one of ``terms`` is the family ``name`` on ``joint``, or holds it as a special case."""
+    return any(t.joint == joint and (t.effect == name or name in t.family().contains) for t in terms)
 
 
 def covers(general: Term, special: Term) -> bool:
     """True where ``general`` holds ``special`` as a special case."""
     return general.family().covers(general, special)
-
-
-def _too_small(nibbles: bool) -> str:
-    return "too little of what is left" if nibbles else "too small to matter"
 
 
 def joined(current: Sequence[Term], term: Term) -> list[Term]:
