@@ -27,6 +27,7 @@ from hybrid_dynamics.loop.process import Run, process
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.park.black_box import corrections
+from hybrid_dynamics.study.park.compare import Comparison, compare
 from hybrid_dynamics.study.park.regimes import REGIMES, regime_of
 from hybrid_dynamics.study.park.tables import COLUMNS, PARAMETER_COLUMNS, REGIME_COLUMNS
 from hybrid_dynamics.trajectory import Trajectory
@@ -84,16 +85,26 @@ def judge_arm(
         "black_box": [predict_run(found, run) + more for run, more in zip(test, boxed, strict=True)],
         "loop_confirmed": [predict_run(result.model, run) for run in test],
     }
-    errors = {name: measured - np.concatenate(hat) for name, hat in hats.items()}
+    left_by = {name: [run.tau - hat for run, hat in zip(test, own, strict=True)] for name, own in hats.items()}
+    errors = {name: np.concatenate(own) for name, own in left_by.items()}
+    times = [run.time for run in test]
+    against = compare(left_by["loop"], left_by["least_squares"], times, loop.block, loop.confirmation)
     regime = np.concatenate([regime_of(run, settings.standing, settings.turn, settings.slow) for run in test])
     return ParkResult(
-        _joints(dataset, robot, result, measured, errors),
+        _joints(dataset, robot, result, measured, errors, against),
         _regimes(dataset, regime, measured, errors),
         scatter(dataset, robot, found, logs, loop, settings.parts),
     )
 
 
-def _joints(dataset: str, robot: Robot, result: LoopResult, measured: Array, errors: dict[str, Array]) -> pd.DataFrame:
+def _joints(
+    dataset: str,
+    robot: Robot,
+    result: LoopResult,
+    measured: Array,
+    errors: dict[str, Array],
+    against: tuple[Sequence[Comparison], Comparison],
+) -> pd.DataFrame:
     diagnosis = result.diagnosis.to_json()
     rms = {name: np.sqrt((error**2).mean(axis=0)) for name, error in errors.items()}
     rows = []
@@ -118,9 +129,15 @@ def _joints(dataset: str, robot: Robot, result: LoopResult, measured: Array, err
                 "learnable_share": diagnosis["learnable_share"][j],
                 "motion_dependent": diagnosis["motion_dependent"][j],
                 "verdict": diagnosis["verdict"],
+                **_compared("against_least_squares", against[0][j]),
+                **_compared("arm_against_least_squares", against[1]),
             }
         )
     return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _compared(name: str, found: Comparison) -> dict[str, float | str]:
+    return {name: found.relative, f"{name}_error": found.error, f"{name}_verdict": found.verdict}
 
 
 def explained_share(rigid: float, loop: float, best: float) -> float:

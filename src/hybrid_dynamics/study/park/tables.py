@@ -5,7 +5,9 @@ from __future__ import annotations
 #: ``reports/park.csv``: one row per recorded arm and joint. ``explained_share`` = (rigid² - loop²) / (rigid² - best²),
 #: best the smallest of floor, least squares and black box; ``_low`` and ``_high`` with the two ends of the floor.
 #: ``black_box``: boosted trees on top of the loop's model, trained on the training runs. ``named``: effects on the
-#: joint and on the whole robot, those that the test runs contradict in brackets.
+#: joint and on the whole robot, those that the test runs contradict in brackets. ``against_least_squares``: the loop's
+#: mean square less that of least squares, as a share of the latter's, with its standard error and what that says
+#: (:mod:`~hybrid_dynamics.study.park.compare`); ``arm_...`` the same of all joints together, in every row of the arm.
 COLUMNS = (
     "dataset",
     "joint",
@@ -25,6 +27,12 @@ COLUMNS = (
     "learnable_share",
     "motion_dependent",
     "verdict",
+    "against_least_squares",
+    "against_least_squares_error",
+    "against_least_squares_verdict",
+    "arm_against_least_squares",
+    "arm_against_least_squares_error",
+    "arm_against_least_squares_verdict",
 )
 #: ``reports/park_regimes.csv``: the same errors where the joint stands, turns round, creeps and runs.
 REGIME_COLUMNS = ("dataset", "joint", "regime", "rows", "rigid_body", "least_squares", "loop", "black_box", "spread")

@@ -1,0 +1,61 @@
+"""Two predictions of the same held-out runs: which is better, and is that more than chance?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from hybrid_dynamics.loop.trace import block_error
+from hybrid_dynamics.types import Array
+
+BETTER, AS_GOOD, WORSE = "better", "as_good", "worse"
+#: A smaller share of the mean square error is no difference, however sure it is.
+NO_DIFFERENCE = 0.01
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """``relative``: mean square error of the one less that of the other, as a share of the other's (negative: the one
+    is better); ``error``: its standard error; ``verdict`` on the one: :data:`BETTER`, :data:`AS_GOOD`, :data:`WORSE`.
+    """
+
+    relative: float
+    error: float
+    verdict: str
+
+
+def compare(
+    one: Sequence[Array], other: Sequence[Array], times: Sequence[Array], block: float, chance: float
+) -> tuple[list[Comparison], Comparison]:
+    """Compare residuals (K, n) [N m] of ``one`` and ``other`` per run, ``times`` (K,) [s]: per joint, and all together.
+
+    The difference of the sums of squares is d (d + 2 e): d what one predicts more than the other, e the residual of
+    whichever is better. Given the motion and the fits only d e is random (Bester, Conley and Hansen 2011); its sums
+    over blocks of ``block`` [s] are clusters, merged while they remember each other. A verdict other than
+    :data:`AS_GOOD` comes about by chance with probability ``chance`` to either side.
+    """
+    n = one[0].shape[1]
+    joints = [_compare([e[:, [j]] for e in one], [e[:, [j]] for e in other], times, block, chance) for j in range(n)]
+    return joints, _compare(one, other, times, block, chance)
+
+
+def _compare(
+    one: Sequence[Array], other: Sequence[Array], times: Sequence[Array], block: float, chance: float
+) -> Comparison:
+    squares = [sum(float(np.sum(e**2)) for e in part) for part in (one, other)]
+    # What is left by the worse one holds what it lacks, which is no noise.
+    least = one if squares[0] <= squares[1] else other
+    sums, owner = [], []
+    for r, (new, old, left, time) in enumerate(zip(one, other, least, times, strict=True)):
+        count = max(round(float(time[-1] - time[0]) / block), 2)
+        edges = np.linspace(0, len(time), count + 1).round().astype(int)[:-1]
+        sums.append(np.add.reduceat(np.sum((old - new) * left, axis=1), edges))
+        owner.append(np.full(len(sums[-1]), r))
+    spread, blocks = block_error(np.concatenate(sums), np.concatenate(owner))
+    size = max(squares[1], 1e-300)
+    relative, error = (squares[0] - squares[1]) / size, 2.0 * spread / size
+    sure = abs(relative) > max(float(student.ppf(1.0 - chance, max(blocks - 1, 1))) * error, NO_DIFFERENCE)
+    return Comparison(relative, error, (WORSE if relative > 0 else BETTER) if sure else AS_GOOD)
