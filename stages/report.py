@@ -45,6 +45,7 @@ def main() -> None:
         titles={name: section(params, f"dataset.{name}.title", str) for name in names},
         pictures={name: path for name, robot in robots.items() if (path := picture_of(robot)) is not None},
         blind=REPORTS / "blind.csv" if scores else None,
+        park=REPORTS / "park.csv" if arms else None,
         sections=(*study_sections(names), *campaign_sections(REPORTS), *filter(None, extra)),
     )
     print(f"report: {write_report(study, REPORTS)}")

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 
+from hybrid_dynamics.files import write_json
+from hybrid_dynamics.study.claims.park_checks import park_checks
 from hybrid_dynamics.study.park.compare import AS_GOOD, BETTER, WORSE, Comparison, compare
+from hybrid_dynamics.study.report.park import MODELS, added_section, park_section
 from hybrid_dynamics.types import Array
 
 RATE, SECONDS, BLOCK, CHANCE = 100.0, 40.0, 0.5, 0.025
@@ -78,3 +85,84 @@ def test_one_short_run_is_compared_too() -> None:
     e = noise(5)[:60]
     joints, arm = compare([e], [e + lacking(9.0)[:60]], [TIME[:60]], BLOCK, CHANCE)
     assert np.isfinite([joints[0].relative, joints[0].error, arm.relative]).all()
+
+
+def park_rows(verdicts: list[str], arm: str) -> pd.DataFrame:
+    own = {
+        "dataset": "arm",
+        "joint": range(1, len(verdicts) + 1),
+        **dict.fromkeys(("floor", "rigid_body", "least_squares", "loop", "black_box", "explained_share"), 0.5),
+        "named": "coulomb_friction",
+        "against_least_squares": -0.25,
+        "against_least_squares_error": 0.1,
+        "against_least_squares_verdict": verdicts,
+        "arm_against_least_squares": 0.125,
+        "arm_against_least_squares_error": 0.05,
+        "arm_against_least_squares_verdict": arm,
+    }
+    return pd.DataFrame(own)
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "arm", "met"),
+    [
+        ([BETTER, AS_GOOD], AS_GOOD, True),
+        ([BETTER, WORSE], BETTER, False),
+        ([AS_GOOD, AS_GOOD], WORSE, False),
+    ],
+)
+def test_the_claim_follows_the_comparison(verdicts: list[str], arm: str, met: bool) -> None:
+    [check] = park_checks(park_rows(verdicts, arm))
+    assert check.met is met
+    assert ("joint 2" in check.measured) == (WORSE in verdicts)
+    without = park_rows(verdicts, arm)[["dataset", "joint", "loop", "least_squares"]]
+    assert not list(park_checks(without))
+
+
+def test_the_parks_table_says_what_the_comparison_says(tmp_path: Path) -> None:
+    park_rows([BETTER, WORSE], AS_GOOD).to_csv(tmp_path / "park.csv", index=False)
+    regimes = pd.DataFrame({"dataset": "arm", "joint": [1, 2], "regime": "standing", **dict.fromkeys(MODELS, 3.0)})
+    regimes.to_csv(tmp_path / "park_regimes.csv", index=False)
+    parameters = pd.DataFrame({"dataset": "arm", "scatter": [0.5, 1.0, 4.0, np.nan]})
+    parameters.to_csv(tmp_path / "park_parameters.csv", index=False)
+    write_json(
+        tmp_path / "data" / "arm" / "park" / "summary.json", {"title": "The Arm", "repository": "a/b", "licence": "MIT"}
+    )
+    section = park_section(tmp_path, tmp_path / "data")
+    assert section is not None
+    text = section.html
+    arms, joints = text.split("joint by joint", 1)
+    assert "as good within its uncertainty" in arms
+    assert "+12 ± 5 %" in arms
+    assert text.count("worse beyond its uncertainty") == 1
+    assert "-25 ± 10 %" in joints
+    assert "The Arm (arm)" in arms
+    assert "recorded" in arms
+    assert "a/b" in joints
+    assert "MIT" in joints
+    # 3 N m on each of two joints; two of three scatters within two standard errors.
+    assert "4.24" in joints
+    assert "2 of 3" in joints
+    # A table of before the comparison is still shown.
+    park_rows([BETTER, WORSE], AS_GOOD).iloc[:, :9].to_csv(tmp_path / "park.csv", index=False)
+    old = park_section(tmp_path, tmp_path / "data")
+    assert old is not None
+    assert "uncertainty" not in old.html
+
+
+def test_added_effects_are_counted_by_arm(tmp_path: Path) -> None:
+    columns = ["dataset", "hidden", "hidden_joints", "size_over_floor", "named", "named_joints"]
+    columns += ["detected", "named_right", "others", "parameter", "true", "found", "std_error"]
+    rows = [
+        ("arm", None, None, 0.0, None, None, False, False, 0, None, None, None, None),
+        ("arm", "armature", "j1", 3.0, "armature", "j1", True, True, 0, "armature", 0.5, 0.6, 0.06),
+        ("arm", "payload", "-", 3.0, "armature", "j2", True, False, 1, None, None, None, None),
+        ("arm", "torque_offset", "j1", 3.0, "torque_offset", "j1", True, True, 0, "offset", 1.0, 2.0, 0.1),
+    ]
+    pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "added.csv", index=False)
+    section = added_section(tmp_path / "added.csv")
+    assert section is not None
+    line = section.html[section.html.index("<tbody>") : section.html.index("</tr>", section.html.index("<tbody>"))]
+    assert re.findall(r"(\d of \d)", line) == ["3 of 3", "2 of 3", "2 of 3", "1 of 2", "1 of 1"]
+    assert "0.6 ± 0.06" in section.html
+    assert added_section(tmp_path / "none.csv") is None

@@ -147,7 +147,7 @@ def test_table_three_sees_a_wrong_term_a_missing_one_and_a_wrong_damping(panda: 
     off = with_expression(panda, "r_sr", 4, "4.55*dq4")
     verdicts = {check.claim: check.met for check in checks([off])}
     assert verdicts["Table III: every damping within 0.1 % of D"] is False
-    assert verdicts["Table III: exactly the true terms and no other"] is True
+    assert [met for claim, met in verdicts.items() if "exactly the true terms" in claim] == [True]
 
 
 def test_checks_are_met_by_the_truth_and_only_by_it(panda: DatasetResults) -> None:
@@ -384,8 +384,8 @@ def test_blind_cases_are_counted_by_what_was_planted(tmp_path: Path) -> None:
     assert section is not None
     assert "1 of 2 (95 % interval 1 to 99 %)" in section.html
     assert "1 of 1 (95 % interval 3 to 100 %)" in section.html
-    assert "1 smaller cases" in section.html
-    assert "The 1 cases" in section.html
+    assert "1 smaller case is" in section.html
+    assert "The case that was not" in section.html
     # A payload was taken for a rotor's inertia once; the case below the size is in the detection table alone.
     confusion = section.html[section.html.index('class="confusion"') :]
     assert re.search(r"payload</td><td>1</td>", confusion)

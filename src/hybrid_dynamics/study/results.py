@@ -50,7 +50,7 @@ class StudyInputs:
     one. ``pictures`` maps a dataset to the URDF
     (with meshes) its arm is drawn from. ``sections`` are extra pieces of HTML (the loop, the derivative benchmark, the
     least-squares details); ``tables`` are CSV files shown as they are: title -> path (a missing file is left out).
-    ``blind`` is ``blind.csv``, where effects were hidden.
+    ``blind`` is ``blind.csv``, where effects were hidden; ``park`` is ``park.csv``, where recorded arms were judged.
     """
 
     data: Path
@@ -60,6 +60,7 @@ class StudyInputs:
     sections: tuple[Section, ...] = ()
     tables: Mapping[str, Path] = field(default_factory=dict)
     blind: Path | None = None
+    park: Path | None = None
 
 
 @dataclass(frozen=True)

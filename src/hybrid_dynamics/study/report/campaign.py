@@ -1,4 +1,4 @@
-"""Sections over many cases: effects hidden in simulation, the park of recorded arms, benchmarks against peers."""
+"""Sections over many cases: effects hidden in simulation, benchmarks against peers; the park's are in ``park.py``."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 import pandas as pd
 
 from hybrid_dynamics.loop_report.html import Cell, details, escape, table
-from hybrid_dynamics.loop_report.words import title_of
 from hybrid_dynamics.study.intervals import clopper_pearson, counted
+from hybrid_dynamics.study.report.park import added_section, park_section
 from hybrid_dynamics.study.report.pieces import frame_table
 from hybrid_dynamics.study.report.resimulation import resimulation_section
 from hybrid_dynamics.study.results import Section, read_csv
@@ -34,8 +34,6 @@ BLIND_COLUMNS = (
     "rmse_after",
     "rmse_true_model",
 )
-ERRORS = ("rigid_body", "least_squares", "loop", "black_box", "floor")
-PARK_COLUMNS = ("dataset", "joint", *ERRORS, "explained_share", "named")
 BENCHMARK_COLUMNS = ("name", "ours", "peer", "ratio", "goal", "met")
 
 
@@ -60,12 +58,22 @@ def blind_section(path: Path) -> Section | None:
     ]
     html = (
         f"<p>Effects planted in simulation, unknown to the loop, from {BLIND_SIZE:g} noise floors of added torque "
-        f"on ({len(cases) - len(counted_cases)} smaller cases are not counted). The true model's error is on the same "
-        "processed data.</p>" + _shares(counted_cases) + _detection(cases) + _confusion(counted_cases)
+        f"on{_left_out(len(cases) - len(counted_cases))}. The true model's error is on the same processed data.</p>"
+        + _shares(counted_cases)
+        + _detection(cases)
+        + _confusion(counted_cases)
     )
     if len(misses):
-        html += details(f"The {len(misses)} cases that were not named right", frame_table(misses.fillna("")))
+        html += details(_not_right(len(misses)), frame_table(misses.fillna("")))
     return Section("blind", "Undeclared effects in simulation", html)
+
+
+def _left_out(smaller: int) -> str:
+    return f" ({smaller} smaller case{'s are' if smaller != 1 else ' is'} not counted)" if smaller else ""
+
+
+def _not_right(count: int) -> str:
+    return "The case that was not named right" if count == 1 else f"The {count} cases that were not named right"
 
 
 def _truth(column: pd.Series) -> pd.Series:
@@ -137,89 +145,6 @@ def _confusion(cases: pd.DataFrame) -> str:
     )
 
 
-def park_section(path: Path) -> Section | None:
-    """Recorded arms one after the other: held-out error of every model per joint, and what the loop explains of it."""
-    if not path.exists():
-        return None
-    rows = read_csv(path, PARK_COLUMNS)
-    parts = [
-        "<p>Held-out RMSE in N m of the rigid body, the classical least squares, the loop, and a black box (boosted "
-        "trees) on top of the loop; the noise floor is estimated from the data. Explained share: the part of the "
-        "error above the best of floor, least squares and black box that the loop removes, for both ends of the "
-        "floor.</p>"
-    ]
-    if len(rows):
-        parts.append(_arms(rows))
-    for name, own in rows.groupby("dataset", sort=False):
-        parts.append(details(f"{name}, joint by joint", _arm_table(own)))
-    return Section("park", "The park: recorded arms", "\n".join(parts))
-
-
-def _arms(rows: pd.DataFrame) -> str:
-    """One line an arm: its joints pooled."""
-    body: list[list[Cell | str]] = []
-    for name, own in rows.groupby("dataset", sort=False):
-        rms = {
-            column: float((own[column] ** 2).sum() ** 0.5)
-            for column in ("rigid_body", "least_squares", "loop", "black_box", "floor")
-        }
-        full = max(rms.values()) or 1.0
-        drawn = (
-            "".join(
-                f'<span class="bar {kind}" style="width:{100 * rms[column] / full:.1f}%"></span>'
-                for kind, column in (("before", "rigid_body"), ("after", "loop"))
-            )
-            + f'<span class="bar floor" style="left:0;width:{100 * rms["floor"] / full:.1f}%"></span>'
-        )
-        shares = own["explained_share"].dropna()
-        body.append(
-            [
-                Cell(escape(str(name)), "text"),
-                Cell(drawn, "picture"),
-                *(f"{rms[column]:.3g}" for column in ERRORS),
-                f"{100 * shares.median():.0f} %" if len(shares) else "–",
-            ]
-        )
-    heads = [
-        "Arm",
-        "rigid body, loop, floor",
-        "rigid body",
-        "least squares",
-        "loop",
-        "black box",
-        "floor",
-        "explained, median",
-    ]
-    caption = "Root of the summed squares over the joints [N m], held-out runs"
-    return f'<div class="drawn">{table(heads, body, caption)}</div>'
-
-
-def _arm_table(own: pd.DataFrame) -> str:
-    ends = {"explained_share_low", "explained_share_high"} <= set(own.columns)
-    body: list[list[Cell | str]] = []
-    for row in own.to_dict("records"):
-        share = f"{100 * row['explained_share']:.0f} %" if pd.notna(row["explained_share"]) else "–"
-        if ends and pd.notna(row["explained_share_low"]) and pd.notna(row["explained_share_high"]):
-            share += (
-                f"<small>{100 * row['explained_share_low']:.0f} to {100 * row['explained_share_high']:.0f} %</small>"
-            )
-        values = (row["rigid_body"], row["least_squares"], row["loop"], row["black_box"], row["floor"])
-        best = min((v for v in values[:3] if pd.notna(v)), default=math.nan)
-        cells = [Cell(f"{v:.3g}" if pd.notna(v) else "–", "best" if v == best else "") for v in values]
-        body.append([str(row["joint"]), *cells, share, Cell(escape(_names(row["named"])), "text")])
-    return table(["Joint", "rigid body", "least squares", "loop", "black box", "floor", "explained", "named"], body)
-
-
-def _names(value: object) -> str:
-    """Effects as people write them; those in brackets the test runs contradict."""
-    names = [] if value is None or value != value else str(value).split()
-    contradicted = [name.startswith("(") for name in names]
-    return ", ".join(
-        title_of(name.strip("()")) + (" (contradicted)" if against else "")
-        for name, against in zip(names, contradicted, strict=True)
-    )
-
-
 def _text(value: object) -> str:
     return "" if value is None or value != value else str(value).replace("_", " ")
 
@@ -249,11 +174,12 @@ def _measure(value: object) -> str:
     return f"{value:.3g}" if isinstance(value, float) and value == value else escape(_text(value)) or "–"
 
 
-def campaign_sections(reports: Path) -> tuple[Section, ...]:
-    """Those of the sections above whose file is in ``reports``."""
+def campaign_sections(reports: Path, data: Path = Path("data")) -> tuple[Section, ...]:
+    """Those of the sections above whose file is in ``reports``; ``data`` holds where the arms' recordings are from."""
     found: Sequence[Section | None] = (
-        park_section(reports / "park.csv"),
-        resimulation_section(reports / "resimulation.csv"),
+        park_section(reports, data),
+        added_section(reports / "added.csv"),
+        resimulation_section(reports / "resimulation.csv", reports / "park.csv"),
         blind_section(reports / "blind.csv"),
         benchmark_section(reports / "benchmarks.csv"),
     )

@@ -40,7 +40,8 @@ def write_report(study: StudyInputs, out_dir: Path) -> Path:
     """
     out_dir = Path(out_dir)
     results = read_study(study)
-    checked = checks(results, read_csv(study.blind) if study.blind is not None else None)
+    blind, park = (read_csv(path) if path is not None else None for path in (study.blind, study.park))
+    checked = checks(results, blind, park)
     write_tables(results, checked, out_dir)
     writer = _Page()
     _opening(writer, results, checked)

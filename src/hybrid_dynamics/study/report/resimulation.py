@@ -12,8 +12,11 @@ from hybrid_dynamics.study.layout import RESIMULATION_COLUMNS
 from hybrid_dynamics.study.results import Section, read_csv
 
 
-def resimulation_section(path: Path) -> Section | None:
-    """State error before and after on every arm; ``path`` is ``resimulation.csv``. None where there is nothing."""
+def resimulation_section(path: Path, park: Path | None = None) -> Section | None:
+    """State error before and after on every arm; ``path`` is ``resimulation.csv``. None where there is nothing.
+
+    ``park`` is ``park.csv``: its arms without a row are named as left out.
+    """
     if not path.exists():
         return None
     rows = read_csv(path, RESIMULATION_COLUMNS)
@@ -26,11 +29,23 @@ def resimulation_section(path: Path) -> Section | None:
         "off, for the URDF alone (before) and the completed model (after). Another engine, and forward in time: a "
         "check of the whole chain. Without its friction a light wrist runs away within the half second; that is "
         "what the large numbers before are. What MJCF cannot carry (friction with a memory, say) is not in it.</p>",
+        _left_out(rows, park),
         _arms(rows),
     ]
     for name, own in rows.groupby("dataset", sort=False):
         parts.append(details(f"{name}, joint by joint", _joints(own)))
     return Section("resimulation", "Simulated again in MuJoCo", "\n".join(parts))
+
+
+def _left_out(rows: pd.DataFrame, park: Path | None) -> str:
+    arms = dict.fromkeys(read_csv(park, ("dataset",))["dataset"]) if park is not None and park.exists() else {}
+    absent = [str(arm) for arm in arms if arm not in set(rows["dataset"])]
+    if not absent:
+        return ""
+    return (
+        f"<p class='note'>Left out: {escape(', '.join(absent))}. MuJoCo does not take the model (a link has an "
+        "inertia that no body can have, say); the stage <code>resimulate_arm</code> prints why.</p>"
+    )
 
 
 def _arms(rows: pd.DataFrame) -> str:
