@@ -28,11 +28,12 @@ class InputRecord:
 
 
 def input_records(
-    path: Path, digest: str, dataset: str, provenance: str, origin: Mapping[str, Any]
+    path: Path, digest: str, dataset: str, provenance: str, origin: Mapping[str, Any], below: str = ""
 ) -> tuple[InputRecord, ...]:
     """One record for each split of the trajectory file ``path``, whose SHA-256 is ``digest``.
 
-    ``origin`` is the dataset's ``source.json`` (empty for simulated data).
+    ``origin`` is the dataset's ``source.json`` (empty for simulated data); ``below`` the folder of the dataset's that
+    holds the file.
     """
     file = pq.ParquetFile(path)
     columns = [
@@ -51,7 +52,7 @@ def input_records(
                 name=f"{dataset} {split}",
                 digest=digest[:DIGEST_LENGTH],
                 context=CONTEXTS.get(split, split),
-                source=(Path("data") / dataset / path.name).as_posix(),
+                source=(Path("data") / dataset / below / path.name).as_posix(),
                 schema=json.dumps({"mlflow_colspec": columns}),
                 profile=json.dumps(profile),
             )

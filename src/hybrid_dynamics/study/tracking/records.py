@@ -106,7 +106,7 @@ def _dataset(
         errors = result.errors[result.errors["method"] == method]
         expressions = result.expressions[result.expressions["method"] == method]
         folder = result.folder / "models" / method
-        chosen = {key: _text(value) for key, value in flatten(params.get(method, {})).items()}
+        chosen = texts_of(params.get(method, {}))
         closed = _closed(result, folder / DIAGNOSIS_FILE, loop) if method == LOOP_METHOD else _Closed()
         data = logs if closed.diagnosis is not None else features
         inputs = input_records(data, digests[data], result.name, result.provenance, result.source)
@@ -120,7 +120,7 @@ def _dataset(
             dataset=result.name,
             method=method,
             provenance=result.provenance,
-            digest=_digest(result.name, method, digests[data], measures, chosen, folder, closed.steps),
+            digest=result_digest(result.name, method, digests[data], measures, chosen, folder, closed.steps),
             metrics={**measures, **closed.found.metrics, **timing.metrics},
             params={"dataset": result.name, "method": method, **chosen, **closed.found.params},
             tags={
@@ -155,7 +155,7 @@ def _closed(result: DatasetResults, path: Path, loop: pd.DataFrame | None) -> _C
     steps += tuple(_questions(result.folder / "questions"))
     if not path.exists():
         return _Closed(steps=steps)
-    diagnosis = _read_diagnosis(path)
+    diagnosis = read_diagnosis(path)
     return _Closed(diagnosis, identified(diagnosis), steps)
 
 
@@ -181,13 +181,14 @@ def _timing(path: Path) -> _Timing:
     return _Timing(measures, float(value.get("finished", path.stat().st_mtime)), value.get("wall_s"))
 
 
-def _read_diagnosis(path: Path) -> Diagnosis:
+def read_diagnosis(path: Path) -> Diagnosis:
+    """What a closed loop found; :class:`InputError` names a file that is missing or no diagnosis."""
     return Diagnosis.from_json(read_json(path, "the diagnosis.json that close_loop writes"))
 
 
 def _questions(folder: Path) -> Iterator[StepRecord]:
     for path in sorted(folder.glob(f"*/{DIAGNOSIS_FILE}")):
-        name, found = path.parent.name, identified(_read_diagnosis(path))
+        name, found = path.parent.name, identified(read_diagnosis(path))
         tags = {**found.tags, "kind": "question", "question": name}
         yield StepRecord(f"question: {name}", tags, found.metrics, found.params)
 
@@ -239,7 +240,7 @@ def file_digest(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _digest(
+def result_digest(
     dataset: str,
     method: str,
     data: str,
@@ -248,6 +249,7 @@ def _digest(
     model: Path,
     steps: Sequence[StepRecord],
 ) -> str:
+    """What decides a result, as one number: ``data`` is a digest, ``model`` the folder of its files."""
     content = {
         "format": FORMAT,
         "run": [dataset, method],
@@ -260,6 +262,11 @@ def _digest(
         "steps": [[step.name, {key: repr(value) for key, value in step.metrics.items()}] for step in steps],
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def texts_of(values: Mapping[str, Any]) -> dict[str, str]:
+    """Nested parameters as MLflow takes them: ``a.b.c`` -> text."""
+    return {key: _text(value) for key, value in flatten(values).items()}
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
