@@ -38,6 +38,47 @@ def test_a_parameter_that_the_runs_leave_open_has_no_error_that_looks_measured()
     assert missing({"effects": [payload], "joints": ["a"]}) == ["Payload: mass 4.971 kg (left open by these runs)"]
 
 
+def test_numbers_are_written_out_as_people_do() -> None:
+    assert (words.share(0.9961), words.share(1.0), words.share(0.0123)) == ("100 %", "100 %", "1.2 %")
+    assert (words.plain(2612.0), words.plain(15_400.0), words.plain(5.43)) == ("2,600", "15,000", "5.4")
+    assert words.title_of("com_x") == "centre of mass x"
+
+
+def test_an_error_that_is_noise_in_motion_alone_is_not_called_noise() -> None:
+    def state(moving: float, every: float) -> tuple[str, str]:
+        d = {"joints": ["a"], "noise_floor_high": [1.0], "motion_dependent": [False], "cannot_tell": [False]}
+        d["error"], d["error_moving"] = ({"test": {"after": {"rmse": [value]}}} for value in (every, moving))
+        return words.state_of(d, 0)
+
+    assert state(1.0, 1.0) == ("good", "down to the noise")
+    assert state(1.0, 4.5) == ("open", words.STANDING)
+    assert state(2.0, 4.5) == ("open", words.ABOVE)
+
+
+def test_the_largest_cause_is_named_first() -> None:
+    delay = entry("time_delay", [], [parameter("delay", 1e-6, 1e-7, "s")])
+    friction = entry("viscous_friction", ["a"], [parameter("viscous_coefficient", 2.0, 0.1, "N m s/rad", "a")])
+    d = {"effects": [delay, friction], "joints": ["a"]}
+    assert [line.split()[0] for line in missing(d, {"viscous_friction": 3.0, "time_delay": 1e-5})] == [
+        "Viscous",
+        "Time",
+    ]
+    assert [line.split()[0] for line in missing(d)] == ["Time", "Viscous"]
+
+
+def test_many_runs_are_drawn_alike_and_few_by_name() -> None:
+    def drawn(runs: int) -> dict[str, Any]:
+        points = tuple(float(k) for k in range(20))
+        curve = Curve("j", "dq", 0.1, points, points, points, tuple(k % runs for k in range(20)))
+        return dict(curve_figure(curve, tuple(f"r{k}" for k in range(runs)), "").values)
+
+    few, many = drawn(3), drawn(10)
+    assert [few[f"label{k}"] for k in range(3)] == ["run r0", "run r1", "run r2"]
+    assert many["label0"] == "10 held-out runs"
+    assert len(many["x0"]) == 20
+    assert "label1" not in many
+
+
 def test_a_name_is_confirmed_only_where_the_held_out_runs_surely_gain() -> None:
     def said(value: float, confirmed: bool = True) -> str:
         change = {"value": value, "std_error": 0.1}

@@ -13,7 +13,7 @@ from html import escape
 
 from hybrid_dynamics.trajectory import RECORDED, SIMULATED_TWIN
 
-__all__ = ["Cell", "Heading", "badge", "details", "escape", "figure", "slug", "table"]
+__all__ = ["Cell", "Heading", "badge", "details", "escape", "figure", "key", "slug", "table"]
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,11 @@ def slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
+def key(kind: str, text: str) -> str:
+    """What a bar of ``kind`` (before, after, floor) is, with a piece of it: for the head of a column of bars."""
+    return f'<span class="key {kind}">{escape(text)}</span>'
+
+
 def badge(provenance: str) -> str:
     """The provenance, impossible to overlook."""
     kind = {RECORDED: "recorded", SIMULATED_TWIN: "twin"}.get(provenance, "simulated")
@@ -57,8 +62,11 @@ def table(
         own = _class(last if place == len(body) - 1 else "")
         cells = "".join(f"<td{_class(cell.kind)}>{cell.html}</td>" for cell in row)
         lines.append(f"<tr{own}>{cells}</tr>")
-    text = [body[0][k].kind == "text" if body and k < len(body[0]) else False for k in range(len(heads))]
-    head = "".join(f"<th{_class('text' if text[k] else '')}>{name}</th>" for k, name in enumerate(heads))
+    kinds = [body[0][k].kind if body and k < len(body[0]) else "" for k in range(len(heads))]
+    head = "".join(
+        f"<th{_class(own if own in ('text', 'picture') else '')}>{name}</th>"
+        for own, name in zip(kinds, heads, strict=True)
+    )
     title = f"<caption>{caption}</caption>" if caption else ""
     return (
         f'<div class="scroll" tabindex="0"><table{_class(kind)}>{title}<thead><tr>{head}</tr></thead>'

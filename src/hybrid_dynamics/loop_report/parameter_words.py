@@ -12,13 +12,17 @@ Entry = Mapping[str, Any]
 _MOST = 4
 
 
-def missing(diagnosis: Mapping[str, Any]) -> list[str]:
-    """A phrase a kind of effect that stands in the model: what, where, how much, how sure."""
+def missing(diagnosis: Mapping[str, Any], sizes: Mapping[str, float] | None = None) -> list[str]:
+    """A phrase a kind of effect that stands in the model: what, where, how much, how sure.
+
+    ``sizes`` is the torque [N m] that a kind adds: the largest comes first. Without it, the order of naming.
+    """
     groups: dict[str, list[Entry]] = {}
     for entry in diagnosis["effects"]:
         if confirmed(entry):
             groups.setdefault(entry["effect"], []).append(entry)
-    return [capital(_missing(own, diagnosis["joints"])) for own in groups.values()]
+    order = sorted(groups, key=lambda name: -(sizes or {}).get(name, 0.0))
+    return [capital(_missing(groups[name], diagnosis["joints"])) for name in order]
 
 
 def _missing(entries: Sequence[Entry], joints: Sequence[str]) -> str:

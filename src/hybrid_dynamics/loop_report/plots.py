@@ -23,6 +23,8 @@ RUN_MARKERS = ("circle", "square", "triangle", "diamond", "inverted_triangle", "
 BINS = 60
 #: The band of noise in noise floors to either side: 19 of 20 samples where the noise is normal.
 BAND_FLOORS = 2.0
+#: More runs than this are drawn alike: a legend of ten names takes more room than the picture.
+MOST_RUNS = 4
 #: Share of the points that may lie beyond the picture at either side.
 BEYOND = 0.01
 CURVE_HEIGHT, TORQUE_HEIGHT, STRIP_HEIGHT = 300, 230, 120
@@ -71,12 +73,15 @@ def _hover(made: Any, renderers: list[Any], tips: list[tuple[str, str]]) -> None
     made.add_tools(HoverTool(renderers=renderers, tooltips=tips))
 
 
-def _legend(made: Any) -> None:
-    """The legend below the plot, where it hides nothing; a click on a name hides its glyphs."""
+def _legend(made: Any, columns: int = 3) -> None:
+    """The legend below the plot, where it hides nothing; a click on a name hides its glyphs.
+
+    Bokeh breaks no line of a legend by itself: ``columns`` names fit side by side on a telephone.
+    """
     for legend in list(made.legend):
         made.center = [part for part in made.center if part is not legend]
         made.add_layout(legend, "below")
-        legend.orientation, legend.ncols = "horizontal", "auto"
+        legend.orientation, legend.ncols = "horizontal", columns
         legend.click_policy = "hide"
         legend.label_text_font_size = "11px"
         legend.spacing, legend.padding, legend.margin = 14, 4, 2
@@ -121,12 +126,14 @@ def curve_figure(curve: Curve, runs: tuple[str, ...], title: str) -> Drawing:
         "low": low - noise,
         "high": high + noise,
     }
-    owner = np.array(curve.run)
+    owner, labels = np.array(curve.run), tuple(f"run {run}" for run in runs)
+    if len(runs) > MOST_RUNS:
+        owner, labels, runs = np.zeros_like(owner), (f"{len(runs)} held-out runs",), ("any",)
     for k in range(len(runs)):
         mine = owner == k
         own = {"x": curve.x, "missing": curve.missing, "added": curve.added}
         values |= {f"{name}{k}": np.array(part)[mine] for name, part in own.items()}
-        values |= {f"run{k}": runs[k], f"label{k}": f"run {runs[k]}"}
+        values |= {f"run{k}": runs[k], f"label{k}": labels[k]}
     return Drawing(f"curve{len(runs)}", values)
 
 
@@ -178,7 +185,7 @@ def _curve_template(runs: int) -> dict[str, Any]:
     line.glyph.tags = ["after"]
     tips = [("run", "$name"), ("at", "@x{0.000}"), ("missing [N m]", "@missing"), ("added [N m]", "@added")]
     _hover(made, points, tips)
-    _legend(made)
+    _legend(made, 3 if runs == 1 else 2)
     return plain(made)
 
 

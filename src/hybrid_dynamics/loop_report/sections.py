@@ -88,7 +88,7 @@ class Answer(LoopSection):
         return {
             "verdict": d["verdict"],
             "headline": words.VERDICTS[d["verdict"]],
-            "missing": missing(d),
+            "missing": missing(d, _sizes(self.content)),
             "link": "#" + self.prefix + Effects.name if d["effects"] else "",
             "gains": words.gains(d),
             "certainty": words.certainty(d),
@@ -99,6 +99,16 @@ class Answer(LoopSection):
             "schema_two": "noise_floor_low" in d,
             "mass_caveat": _mass_caveat(d),
         }
+
+
+def _sizes(content: Content) -> dict[str, float]:
+    """Largest rms torque [N m] that an effect of each kind adds on a joint of the held-out runs."""
+    out: dict[str, float] = {}
+    for group in content.groups:
+        for k, size in zip(group.effects, group.contribution, strict=True):
+            name = content.diagnosis["effects"][k]["effect"]
+            out[name] = max(out.get(name, 0.0), size)
+    return out
 
 
 def bars(d: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -20,12 +20,14 @@ VERDICTS = {
 #: What is left on a joint whose alarm is on, and on one that leaves it open.
 ALARM, SLOW = "still depends on the motion", "cannot be told from slow noise"
 ABOVE = "above the noise; no cause found"
+#: Where all samples together are above the noise and those in which the joint moves are not.
+STANDING = "noise in motion, more at standstill"
 #: Times the upper bound of the floor beyond which a held-out error is more than noise.
 ABOVE_NOISE = 1.25
 #: Standard errors beyond which a change is more than chance.
 SURE = 2.0
-#: Names that are people's.
-PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+#: Names that are people's, and short ones that are nobody's.
+PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "com": "centre of mass"}
 #: Parameters in proportion to which the drive gains enter: a mass is known no better than the torque is calibrated.
 SCALED_BY_GAIN = ("mass",)
 GAIN_CAVEAT = (
@@ -46,7 +48,13 @@ def padded(value: float, digits: int = 3) -> str:
 
 def share(value: float | None, digits: int = 2) -> str:
     """A share as per cent."""
-    return "–" if value is None else f"{100 * value:.{digits}g} %"
+    return "–" if value is None else f"{plain(100 * value, digits)} %"
+
+
+def plain(value: float, digits: int = 2) -> str:
+    """``value`` with ``digits`` significant digits; a large one is written out, as people do: 2,600."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):,.0f}" if "e+" in text else text
 
 
 def unit_of(unit: str) -> str:
@@ -147,7 +155,8 @@ def gains(d: Diagnosis) -> str:
             "torque (pooled over all joints)."
         )
     factors = [b / a for b, a in zip(before["rmse"], after["rmse"], strict=True) if a > 0]
-    spread = f"{min(factors):.2g} to {max(factors):.2g}" if max(factors) - min(factors) > 0.05 else f"{factors[0]:.2g}"
+    least, most = plain(min(factors)), plain(max(factors))
+    spread = least if least == most else f"{least} to {most}"
     return (
         f"On held-out runs the torque error falls from {share(before['relative_error'], 3)} to "
         f"{share(after['relative_error'], 3)} of the torque (pooled over all joints); joint by joint it becomes "
@@ -237,15 +246,17 @@ def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
         return "open", SLOW
     if "motion_dependent" not in d and name in {entry["joint"] for entry in d["unexplained"]}:
         return "open", "something is left"
-    return ("open", ABOVE) if _above_noise(d, joint) else ("good", "down to the noise")
+    if _above_noise(d, joint, "error_moving" if "error_moving" in d else "error"):
+        return "open", ABOVE
+    return ("open", STANDING) if _above_noise(d, joint, "error") else ("good", "down to the noise")
 
 
-def _above_noise(d: Diagnosis, joint: int) -> bool:
-    """True where the held-out error in motion is surely more than the noise, though nothing tells of what."""
+def _above_noise(d: Diagnosis, joint: int, of: str) -> bool:
+    """True where the held-out error is surely more than the noise, though nothing tells of what."""
     high = d.get("noise_floor_high")
     if high is None:
         return False
-    after = final_errors(d, of="error_moving" if "error_moving" in d else "error")["rmse"][joint]
+    after = final_errors(d, of=of)["rmse"][joint]
     return bool(after is not None and high[joint] and after > ABOVE_NOISE * high[joint])
 
 
