@@ -199,8 +199,16 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
             Section("blind", "Blind cases", "<p>B</p>"),
         ),
     )
-    write_report(inputs, folder / "reports")
+    write_report(replace(inputs, park=lost(folder / "park.csv")), folder / "reports")
     return folder / "reports"
+
+
+def lost(path: Path) -> Path:
+    """A table of the park in which the loop is surely worse than least squares on one joint."""
+    rows = {"dataset": "tx40", "joint": [1, 2], "against_least_squares_verdict": ["better", "worse"]}
+    whole = {"against_least_squares": 0.1, "arm_against_least_squares": 0.1, "arm_against_least_squares_error": 0.2}
+    pd.DataFrame({**rows, **whole, "arm_against_least_squares_verdict": "as_good"}).to_csv(path, index=False)
+    return path
 
 
 def test_the_page_is_self_contained_and_says_where_the_data_is_from(report: Path) -> None:
@@ -216,6 +224,12 @@ def test_the_page_is_self_contained_and_says_where_the_data_is_from(report: Path
     assert "LOOP FRAGMENT" in page
     assert page.index("LOOP FRAGMENT") < page.index("<p>B</p>")
     assert len(page) < 3_000_000
+    # Whoever reads the count of claims reads which are not met, before any chapter.
+    text = '<td class="text">([^<]*)</td>'
+    missed = re.findall(rf'{text}{text}{text}<td>[^<]*</td><td class="text"><span class="missed">', page)
+    assert "tx40 (recorded)" in [where for where, _, _ in missed]
+    opening = page[: page.index('id="what-was-run"')]
+    assert all(claim in opening and measured in opening for _, claim, measured in missed)
     assert page.index('id="sources"') > page.index('id="claims"') > page.index('id="wam"')
     for anchor in re.findall(r'href="#([^"]+)"', page):
         assert f'id="{anchor}"' in page

@@ -70,6 +70,13 @@ def test_figures_have_units_and_the_same_bytes_every_time(dataset: Path) -> None
     assert torque[0] == torque[1]
 
 
+def test_every_method_has_a_mark_of_its_own() -> None:
+    drawn = figures.error_bars(pd.DataFrame({f"m{k}": [0.1 * (k + 1)] for k in range(15)}, index=[1]), "t")
+    lines = [line for line in drawn.axes[0].get_lines() if line.get_marker() not in ("None", None)]
+    marks = [(line.get_marker(), line.get_color(), line.get_fillstyle()) for line in lines]
+    assert len(set(marks)) == len(marks) == 15
+
+
 def test_a_prediction_that_leaves_the_axis_is_said_to(dataset: Path) -> None:
     table = read_dataset(dataset).predictions.copy()
     table.loc[table["method"] == "sr", "tau_hat3"] *= 100

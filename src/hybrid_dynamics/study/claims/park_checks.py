@@ -25,7 +25,7 @@ def park_checks(rows: pd.DataFrame) -> Iterator[Check]:
             f"{name} ({RECORDED})",
             "Closed loop on the held-out runs: mean square error at most that of least squares within its uncertainty, "
             "on every joint and together",
-            f"together {value:+.0f} ± {error:.2g} %; surely better on {better} of {len(own)} joints, surely worse on "
-            + (f"joint{'s' * (len(worse) > 1)} {', '.join(worse)}" if worse else "none"),
+            f"together {value:+.0f} ± {error:.2g} %; beyond its uncertainty better on {better} of {len(own)} "
+            "joints, worse on " + (f"joint{'s' * (len(worse) > 1)} {', '.join(worse)}" if worse else "none"),
             not worse and first[f"arm_{AGAINST}_verdict"] != "worse",
         )

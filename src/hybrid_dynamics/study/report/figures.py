@@ -227,6 +227,8 @@ def error_bars(table: pd.DataFrame, title: str) -> Figure:
                 linestyle="none",
                 markersize=5,
                 color=colours[k % len(colours)],
+                # After as many methods the marks come again: hollow.
+                fillstyle="full" if k < len(markers) else "none",
                 label=label(str(method)),
             )
         axis.axhline(1.0, color="#8a929c", lw=0.8, ls="--")

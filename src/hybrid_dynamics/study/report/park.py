@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from hybrid_dynamics.loop_report.html import Cell, badge, details, escape, table
+from hybrid_dynamics.loop_report.html import Cell, badge, details, escape, key, table
 from hybrid_dynamics.loop_report.words import title_of
 from hybrid_dynamics.study.intervals import counted
 from hybrid_dynamics.study.layout import DatasetFiles
@@ -94,7 +94,7 @@ def _arms(rows: pd.DataFrame, told: Mapping[Any, Mapping[str, Any]]) -> str:
                 f'<span class="bar {kind}" style="width:{100 * rms[column] / full:.1f}%"></span>'
                 for kind, column in (("before", "rigid_body"), ("after", "loop"))
             )
-            + f'<span class="bar floor" style="left:0;width:{100 * rms["floor"] / full:.1f}%"></span>'
+            + f'<span class="bar floor" style="left:{100 * rms["floor"] / full:.1f}%;width:0"></span>'
         )
         shares = own["explained_share"].dropna()
         body.append(
@@ -106,7 +106,8 @@ def _arms(rows: pd.DataFrame, told: Mapping[Any, Mapping[str, Any]]) -> str:
                 *([_against(own.iloc[0], f"arm_{AGAINST}")] if compared else []),
             ]
         )
-    heads = ["Arm", "rigid body, loop, floor", *map(title_of, ERRORS), "explained, median joint"]
+    drawn_as = key("before", "rigid body") + key("after", "loop") + key("floor", "floor")
+    heads = ["Arm", drawn_as, *map(title_of, ERRORS), "explained, median joint"]
     caption = "Root of the summed squares over the joints [N m], held-out runs"
     return f'<div class="drawn">{table([*heads, *_against_head(compared)], body, caption)}</div>'
 
@@ -244,8 +245,8 @@ def _true(column: pd.Series) -> pd.Series:
     return column.astype(str).str.lower() == "true"
 
 
-def _counted(hits: pd.Series) -> str:
-    return counted(int(hits.sum()), len(hits)) if len(hits) else "–"
+def _counted(hits: pd.Series) -> Cell:
+    return Cell(counted(int(hits.sum()), len(hits)) if len(hits) else "–", "text")
 
 
 def _cases(rows: pd.DataFrame) -> str:

@@ -128,7 +128,9 @@ def table_three_html(result: DatasetResults) -> str:
     parts = []
     for method in in_order(entry.method for entry in entries):
         own = [entry for entry in entries if entry.method == method]
-        parts.append(_terms_table(result, method, own))
+        exact = sum(entry.exact for entry in own)
+        summary = f"{label(method)}: exactly the true terms on {exact} of {len(own)} joints"
+        parts.append(details(summary, _terms_table(result, method, own)))
     return "\n".join(parts)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from hybrid_dynamics.loop_report.html import Cell, badge, details, escape, table
+from hybrid_dynamics.loop_report.html import Cell, badge, details, escape, key, table
 from hybrid_dynamics.loop_report.words import number
 from hybrid_dynamics.study.layout import RESIMULATION_COLUMNS
 from hybrid_dynamics.study.results import Section, read_csv
@@ -71,7 +71,14 @@ def _arms(rows: pd.DataFrame) -> str:
                 str(int(own["windows"].iloc[0])),
             ]
         )
-    heads = ["Arm", "position: before, after", "position [rad]", "velocity [rad/s]", "joints that improve", "windows"]
+    heads = [
+        "Arm",
+        key("before", "before") + key("after", "after"),
+        "position [rad]",
+        "velocity [rad/s]",
+        "joints that improve",
+        "windows",
+    ]
     return f'<div class="drawn">{table(heads, body, "Median joint, before → after")}</div>'
 
 

@@ -14,6 +14,16 @@ from hybrid_dynamics.loop_report.html import Cell, details, escape, table
 from hybrid_dynamics.study.report.pieces import frame_table
 from hybrid_dynamics.study.results import Section, read_csv
 
+#: What the numbers of a loop are over, and what those of a question are on top of.
+OWN_BANDWIDTH = (
+    "<p class='note'>Errors in this section are over the logs at the loop's own bandwidth; those in the tables of all "
+    "methods above are over the study's features. They therefore differ a little.</p>"
+)
+ON_TOP = (
+    "<p class='note'>Asked of the model that the loop calibrated on the arm's other runs, with other logs. Every "
+    "number below comes on top of that model: a negative friction means less friction than was calibrated.</p>"
+)
+
 
 def study_sections(datasets: Sequence[str], data: Path = Path("data")) -> tuple[Section, ...]:
     """The sections found among the result files of ``datasets``: closed loop, least squares, differentiation."""
@@ -24,7 +34,7 @@ def study_sections(datasets: Sequence[str], data: Path = Path("data")) -> tuple[
         for question in sorted((folder / "questions").glob("*/diagnosis.json")):
             asked = question.parent.name
             title = f"What changed? Asked of the calibrated model: {asked.replace('_', ' ')}"
-            found.append(loop_section(name, question.parent, title, f"question-{asked}", evidence=False))
+            found.append(loop_section(name, question.parent, title, f"question-{asked}", False, ON_TOP))
         found.append(least_squares_section(name, folder / "models" / "least_squares" / "model.json"))
         found.append(differentiate_section(name, folder / "differentiate.json"))
     return tuple(section for section in found if section is not None)
@@ -125,8 +135,9 @@ def loop_section(
     title: str = "The closed loop: what the rigid-body model lacks",
     name: str = "loop",
     evidence: bool = True,
+    note: str = OWN_BANDWIDTH,
 ) -> Section | None:
     """The closed loop in ``folder``, from the content its stage left; None where no loop ran there."""
     if not (folder / "diagnosis.json").exists():
         return None
-    return Section(name, title, "", dataset, read_content(folder / CONTENT_FILE), evidence)
+    return Section(name, title, note, dataset, read_content(folder / CONTENT_FILE), evidence)
