@@ -55,6 +55,19 @@ def test_an_error_that_is_noise_in_motion_alone_is_not_called_noise() -> None:
     assert state(2.0, 4.5) == ("open", words.ABOVE)
 
 
+def test_what_is_above_the_noise_stays_open() -> None:
+    def told(moving: list[float]) -> list[str]:
+        d: dict[str, Any] = {"joints": ["a", "b"], "noise_floor_high": [1.0, 1.0], "unexplained": []}
+        for of, values in (("error", [4.5, 1.0]), ("error_moving", moving)):
+            d[of] = {"test": {"after": {"rmse": values}}}
+        return words.still_open(d | {"motion_dependent": [False, False], "cannot_tell": [False, False]})
+
+    (standing,) = told([1.0, 1.0])
+    assert standing.startswith("a: noise in motion, more at standstill")
+    (above,) = told([3.0, 1.0])
+    assert above.startswith("a: the held-out error is above the noise")
+
+
 def test_the_largest_cause_is_named_first() -> None:
     delay = entry("time_delay", [], [parameter("delay", 1e-6, 1e-7, "s")])
     friction = entry("viscous_friction", ["a"], [parameter("viscous_coefficient", 2.0, 0.1, "N m s/rad", "a")])

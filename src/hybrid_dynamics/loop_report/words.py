@@ -22,6 +22,11 @@ ALARM, SLOW = "still depends on the motion", "cannot be told from slow noise"
 ABOVE = "above the noise; no cause found"
 #: Where all samples together are above the noise and those in which the joint moves are not.
 STANDING = "noise in motion, more at standstill"
+#: What stays open where nothing that is left depends on the motion, by the state of the joint.
+_BESIDE = {
+    ABOVE: "the held-out error is above the noise, and these runs show no cause",
+    STANDING: "noise in motion, more at standstill, where the motion does not determine friction",
+}
 #: Times the upper bound of the floor beyond which a held-out error is more than noise.
 ABOVE_NOISE = 1.25
 #: Standard errors beyond which a change is more than chance.
@@ -230,6 +235,11 @@ def still_open(d: Diagnosis) -> list[str]:
         else:
             out.append(f"{entry['joint']}: what is left changes slowly; these runs cannot tell it from an effect.")
     out += [f"{entry['joint']}: {entry['why']}." for entry in d.get("not_identifiable", [])]
+    told = {entry["joint"] for entry in (*d["unexplained"], *d.get("not_identifiable", []))}
+    for state, words in _BESIDE.items():
+        names = [name for j, name in enumerate(d["joints"]) if name not in told and state_of(d, j)[1] == state]
+        if names:
+            out.append(f"{where(names, d['joints'])}: {words}.")
     if not out:
         out.append("Nothing that these runs show: what is left on every joint does not depend on the motion.")
     return out
