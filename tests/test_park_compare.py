@@ -12,7 +12,7 @@ import pytest
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.study.claims.park_checks import park_checks
 from hybrid_dynamics.study.park.compare import AS_GOOD, BETTER, WORSE, Comparison, compare
-from hybrid_dynamics.study.report.park import MODELS, added_section, park_section
+from hybrid_dynamics.study.report.park import MODELS, _percent, added_section, park_section
 from hybrid_dynamics.types import Array
 
 RATE, SECONDS, BLOCK, CHANCE = 100.0, 40.0, 0.5, 0.025
@@ -142,12 +142,20 @@ def test_the_parks_table_says_what_the_comparison_says(tmp_path: Path) -> None:
     assert "MIT" in joints
     # 3 N m on each of two joints; two of three scatters within two standard errors.
     assert "4.24" in joints
+    # The loop and the black box are as good: the best of the three that are compared is marked, in their columns.
+    assert joints[: joints.index("standing")].count('class="best"') == 3 * 2
+    assert "50 %" in joints
     assert "2 of 3" in joints
     # A table of before the comparison is still shown.
     park_rows([BETTER, WORSE], AS_GOOD).iloc[:, :9].to_csv(tmp_path / "park.csv", index=False)
     old = park_section(tmp_path, tmp_path / "data")
     assert old is not None
     assert "uncertainty" not in old.html
+
+
+def test_a_share_near_one_is_not_rounded_to_it() -> None:
+    shown = [_percent(share) for share in (0.5, 0.984, 0.9984, 0.99962, 1.0)]
+    assert shown == ["50 %", "98 %", "99.8 %", "99.96 %", "100 %"]
 
 
 def test_added_effects_are_counted_by_arm(tmp_path: Path) -> None:

@@ -174,7 +174,7 @@ def _curve_template(runs: int) -> dict[str, Any]:
                 size=4,
                 marker=RUN_MARKERS[k % len(RUN_MARKERS)],
                 color=RUN_COLOURS[k % len(RUN_COLOURS)],
-                alpha=0.7,
+                alpha=0.85,
                 line_alpha=0.0,
                 legend_label=blank(f"label{k}"),
                 name=blank(f"run{k}"),
