@@ -17,6 +17,7 @@ from hybrid_dynamics.loop.blocks import Indices, folds_by_time, folds_of
 from hybrid_dynamics.loop.columns import Columns, model_in
 from hybrid_dynamics.loop.gram import BlockGrams
 from hybrid_dynamics.loop.held import Held, residual_vector
+from hybrid_dynamics.loop.jackknife import covariance_of
 from hybrid_dynamics.loop.layout import Layout, make_room, term_order
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.physics import physical_constraints
@@ -347,19 +348,18 @@ class Evidence:
         return total
 
     def covariance(self, terms: Sequence[Term], x: Array) -> Array:
-        """Covariance of ``x`` by the block sandwich: autocorrelation inside a block is respected.
-
-        Liang and Zeger (1986), with blocks of time as clusters and the usual small-sample factor.
-        """
+        """Covariance of ``x``, every block of time left out in turn (:mod:`.jackknife`)."""
         layout = self.layout(terms)
-        a, _ = self.normal(layout, self.full_gram)
-        scores = np.zeros((len(self.blocks.rows), layout.total))
+        normal, parts, scores = self.by_block(layout, x)
+        return covariance_of(normal, parts, scores, self.blocks.run)
+
+    def by_block(self, layout: Layout, x: Array) -> tuple[Array, Array, Array]:
+        """Normal matrix (K, K) with the weak prior, each block's share of it (B, K, K), its scores (B, K) at ``x``."""
+        size, blocks = layout.total, len(self.blocks)
+        parts, scores = np.zeros((blocks, size, size)), np.zeros((blocks, size))
         for j, (position, column) in enumerate(self.indices(layout)):
             if len(position):
-                residual = self.gram[j].last[:, column] - self.gram[j].pick(column, column) @ x[position]
-                scores[:, position] += self.weights[j] * residual
-        scale = 1.0 / np.sqrt(np.diag(a))
-        bread = np.linalg.pinv(a * scale[:, None] * scale[None, :], rcond=1e-14, hermitian=True)
-        bread = bread * scale[:, None] * scale[None, :]
-        blocks = len(scores)
-        return np.asarray(bread @ (scores.T @ scores) @ bread * blocks / max(blocks - 1, 1))
+                square = self.gram[j].pick(column, column)
+                parts[:, position[:, None], position] += self.weights[j] * square
+                scores[:, position] += self.weights[j] * (self.gram[j].last[:, column] - square @ x[position])
+        return self.normal(layout, self.full_gram)[0], parts, scores

@@ -13,7 +13,7 @@ from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.further import further_candidates, refine, simplify
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor
-from hybrid_dynamics.loop.prune import choose, complete, from_everything, keep_sure, without_noise
+from hybrid_dynamics.loop.prune import choose, complete, from_everything, in_errors, keep_sure, without_noise
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.search import Step, choose_signs, search
 from hybrid_dynamics.loop.tangents import covariance_with_settings
@@ -84,10 +84,13 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
         further = split_by_run(judge, chosen, candidates, report)
         if further:
-            notes = ["the runs disagree: a whole-robot effect has its own parameters in every training run"]
             parts = list(further[-1].terms)
-            chosen, x = pool(judge, parts)
-            return Found(chosen, x, whole_of(parts), [*steps, *further], notes, judge)
+            merged, x = pool(judge, parts)
+            sizes = in_errors(judge, merged, x)
+            # What is nothing on the whole, now this and now that way, is no cause of the robot.
+            if all(sizes.get(s, np.inf) > 1.0 for s in whole_of(parts)):
+                notes = ["the runs disagree: a whole-robot effect has its own parameters in every training run"]
+                return Found(merged, x, whole_of(parts), [*steps, *further], notes, judge)
         evidence.fold_by_run()
     refit(evidence, chosen)
     chosen, common, weak = keep_sure(judge, _drop_guesses(judge, chosen), looked, report)

@@ -17,6 +17,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
+from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE_KEPT, Gain, Judge, has_family, joined, rank, same_place
 from hybrid_dynamics.types import Array
 
@@ -159,7 +160,7 @@ def complete(
             trials = [[*out, c] for c in offered]
             best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[-1])))
             x = evidence.fit(best)
-            spread = float(np.sqrt(max(evidence.covariance(best, x)[-1, -1], 0.0)))
+            spread = float(np.sqrt(max(covariance_with_settings(evidence, best, x)[len(x) - 1, len(x) - 1], 0.0)))
             gain = judge.gain(evidence.held(best, physical=True), evidence.held(out, physical=True))
             if abs(x[-1]) > judge.level(evidence.n, gain.blocks) * spread and gain.total > -gain.error:
                 out = best
@@ -205,7 +206,7 @@ def without_noise(judge: Judge, current: Sequence[Term]) -> list[Term]:
     kept = list(current)
     while True:
         x = refit(judge.evidence, kept)
-        small = {t: size for t, size in _in_errors(judge, kept, x).items() if size < 1.0}
+        small = {t: size for t, size in in_errors(judge, kept, x).items() if size < 1.0}
         if not small:
             return kept
         kept.remove(min(small, key=lambda t: (small[t], repr(t))))
@@ -214,14 +215,14 @@ def without_noise(judge: Judge, current: Sequence[Term]) -> list[Term]:
 def _clear(judge: Judge, current: Sequence[Term]) -> set[Term]:
     """Terms of one coefficient that exceeds its standard error at the level of one question a joint."""
     level = judge.level(judge.evidence.n, len(judge.evidence.blocks.rows))
-    sizes = _in_errors(judge, current, judge.evidence.fit(current))
+    sizes = in_errors(judge, current, judge.evidence.fit(current))
     return {t for t, size in sizes.items() if size > level}
 
 
-def _in_errors(judge: Judge, current: Sequence[Term], x: Array) -> dict[Term, float]:
-    """Size of every term of one coefficient at coordinates ``x`` in its own standard errors."""
+def in_errors(judge: Judge, current: Sequence[Term], x: Array) -> dict[Term, float]:
+    """Size of every term of one coefficient at coordinates ``x`` in its own standard errors, as they are published."""
     evidence = judge.evidence
-    spread = np.sqrt(np.maximum(np.diag(evidence.covariance(current, x)), 1e-300)) if current else np.zeros(0)
+    spread = np.sqrt(np.maximum(np.diag(covariance_with_settings(evidence, current, x)), 1e-300))
     layout = evidence.layout(current)
     places = zip(layout.terms, layout.starts, strict=True)
     return {t: float(abs(x[start]) / spread[start]) for t, start in places if t.size == 1}

@@ -9,12 +9,13 @@ import numpy as np
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.jackknife import covariance_of
 from hybrid_dynamics.types import Array
 
 
 def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array) -> Array:
     """Covariance (p + m, p + m) of the coordinates ``x`` (p,) and, behind them in the order of ``terms``, of their m
-    nonlinear parameters: the block sandwich of :meth:`Evidence.covariance` for the linearisation in both.
+    nonlinear parameters: :meth:`Evidence.covariance` for the linearisation in both.
 
     A nonlinear parameter that was refined is as uncertain as if it had been fitted with all others, and makes them as
     uncertain as it must. Without nonlinear parameters the same as :meth:`Evidence.covariance`.
@@ -23,27 +24,24 @@ def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array
         return evidence.covariance(terms, x)
     layout = evidence.layout(terms)
     tangents = _tangents(evidence, terms, x)
-    p, m = layout.total, tangents[0].shape[2]
-    a, scores = np.zeros((p + m, p + m)), np.zeros((len(evidence.blocks.rows), p + m))
-    a[:p, :p], _ = evidence.normal(layout, evidence.full_gram)
+    p, m, blocks = layout.total, tangents[0].shape[2], len(evidence.blocks)
+    normal, parts, scores = np.zeros((p + m, p + m)), np.zeros((blocks, p + m, p + m)), np.zeros((blocks, p + m))
+    normal[:p, :p], parts[:, :p, :p], scores[:, :p] = evidence.by_block(layout, x)
     residuals = evidence.residuals(terms, x)
+    new = np.arange(p, p + m)
     for j, (position, column) in enumerate(evidence.indices(layout)):
-        where = np.concatenate([position, np.arange(p, p + m)])
         for b, (low, high) in enumerate(evidence.blocks.rows):
             r = evidence.blocks.run[b]
             counted = evidence.mask[r][low:high, j]
-            own = evidence.columns.rows[r][j][low:high][counted][:, column]
-            rows = np.hstack([own, tangents[r][low:high, j][counted]])
-            scores[b, where] += evidence.weights[j] * rows.T @ residuals[r][low:high, j][counted]
-            cross = evidence.weights[j] * rows.T @ rows[:, len(position) :]
-            a[np.ix_(where, np.arange(p, p + m))] += cross
-    a[p:, :p] = a[:p, p:].T
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
-    scale[np.diag(a) <= 0] = 0.0
-    bread = np.linalg.pinv(a * scale[:, None] * scale[None, :], rcond=1e-14, hermitian=True)
-    bread = bread * scale[:, None] * scale[None, :]
-    blocks = len(scores)
-    return np.asarray(bread @ (scores.T @ scores) @ bread * blocks / max(blocks - 1, 1))
+            own = tangents[r][low:high, j][counted]
+            known = evidence.columns.rows[r][j][low:high][counted][:, column]
+            cross = evidence.weights[j] * known.T @ own
+            parts[b][np.ix_(position, new)] += cross
+            parts[b][np.ix_(new, position)] += cross.T
+            parts[b][p:, p:] += evidence.weights[j] * own.T @ own
+            scores[b, p:] += evidence.weights[j] * own.T @ residuals[r][low:high, j][counted]
+    normal[:, p:], normal[p:, :p] = parts.sum(axis=0)[:, p:], parts.sum(axis=0)[p:, :p]
+    return covariance_of(normal, parts, scores, evidence.blocks.run)
 
 
 def _tangents(evidence: Evidence, terms: Sequence[Term], x: Array) -> list[Array]:
