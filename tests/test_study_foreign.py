@@ -5,7 +5,7 @@ import pytest
 
 from hybrid_dynamics.loop.model import Model, effect_from_json
 from hybrid_dynamics.robots import find_description
-from hybrid_dynamics.study.blind import BlindSettings
+from hybrid_dynamics.study.blind import BlindSettings, score_blind
 from hybrid_dynamics.study.engine import read_text, robot_of
 from hybrid_dynamics.study.foreign import KNOWN, RECIPES, UNKNOWN
 from hybrid_dynamics.study.foreign_cases import log_settings, make_foreign, noise_level, plan_foreign, recorded
@@ -37,6 +37,29 @@ def test_unknown_forms_have_no_truth_and_every_third_case_holds_one():
     unknown = [any(not RECIPES[name].known for name in case) for case in cases]
     assert sum(unknown) == 10
     assert {len(case) for case in cases} >= {1, 2, 3}
+
+
+def test_two_harmonics_of_a_joint_are_two_ripples_and_one_of_them_is_half_the_truth():
+    settings = BlindSettings(smallest=6.0, largest=6.0, test=1)
+    log = LogSettings(train=1, test=1, duration=4.0)
+    case = make_foreign(TEXT, ("two harmonics",), settings, "ur5_m002", "ur5", log)
+    assert [e["effect"] for e in case.truth["effects"]] == ["torque_ripple"] * 2
+    size = [1.0] * 6
+    said = {
+        "effects": [e | {"indistinguishable_from": []} for e in reversed(case.truth["effects"])],
+        "verdict": "explained",
+        "error": {"test": {"after": {"rmse": size}}},
+        "error_moving": {"test": {"before": {"rmse": size}, "after": {"rmse": size}}},
+        "noise_floor": size,
+    }
+    row = score_blind(case.truth, said, ROBOT, case.train, case.test)
+    # Named in the other order: each is compared with its own.
+    assert row["named_right"]
+    assert row["nothing_wrong_named"]
+    assert row["parameter_error"] < 1e-9
+    half = score_blind(case.truth, said | {"effects": said["effects"][:1]}, ROBOT, case.train, case.test)
+    assert not half["named_right"]
+    assert half["nothing_wrong_named"]
 
 
 def test_a_case_is_as_large_as_its_truth_says_and_tells_nothing_in_its_name():

@@ -171,6 +171,8 @@ class Family(ABC):
     everywhere: ClassVar[bool] = False
     #: Coordinates are ten inertial parameters a body: many free numbers that can imitate simpler effects.
     is_body: ClassVar[bool] = False
+    #: All bodies of the robot at once: they can make any multiple of its torque.
+    all_links: ClassVar[bool] = False
     #: True where the torque is not exactly linear in the coordinates.
     nonlinear: ClassVar[bool] = False
     #: Names of the settings it may have (what they may be: ``effects/settings.py``).

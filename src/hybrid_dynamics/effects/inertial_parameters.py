@@ -52,6 +52,7 @@ class InertialParameters(Family):
     parameters = BODY_PARAMETERS
     size = 10
     is_body = True
+    all_links = True
     contains = ("link_inertia", "link_mass", "link_com")
     changes_body = True
     by_regressor = True

@@ -42,11 +42,21 @@ class TorqueGain(Family):
             "a payload makes the gravity torques of all joints larger",
             "accelerate the wrist: a payload resists by its own inertia, not in proportion to the torque",
         ),
+        Equivalence(
+            ("inertial_parameters",),
+            "links that are all heavier by one factor, with friction larger by it, make the same torque on all joints",
+            "weigh a link, or record a payload of known mass: a gain makes it too heavy as well",
+            always=True,
+        ),
     )
 
     def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
         several = [Term(self.name, None)] if int(moving.sum()) > 1 else []
         return [*several, *(Term(self.name, j) for j in range(robot.n_joints) if moving[j])]
+
+    def twin(self, term: Term, robot: Robot) -> Term | None:
+        # Friction that is larger by the same factor does the rest.
+        return Term("inertial_parameters", None) if term.joint is None else None
 
     def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
         return {"gain": 1.0}

@@ -13,13 +13,14 @@ test keeps the autocorrelation of both). Colour alone therefore raises no alarm.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from hybrid_dynamics.loop.binned import binned_prediction, over_all
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.types import Array
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingRegressor
 
 
+#: Fewer samples train nothing.
+FEWEST_SAMPLES = 50
 #: Rows that one fit sees at most, iterations, leaves of a tree.
 MOST_ROWS, ITERATIONS, LEAVES = 6000, 150, 15
 #: Iterations without a better loss on held-out samples after which no better one is expected.
@@ -77,24 +80,44 @@ def since_reversal(q: Array) -> Array:
 
 def learnable(
     features: Sequence[Array],
+    curves: Sequence[list[tuple[Array, NDArray[np.int_]]]],
     residual: Sequence[Array],
     counted: Sequence[NDArray[np.bool_]],
     fold: Sequence[NDArray[np.int_]],
     seed: int = 0,
 ) -> Learnable:
-    """What a black box still learns. Per run: ``features`` (K, p), ``residual`` (K,) [N m], rows that count (K,), fold
-    of every row (K,); a fold of -1 is used by nobody."""
-    x, y = np.vstack(features), np.concatenate(residual)
-    keep, folds = np.concatenate(counted), np.concatenate(fold)
+    """What a black box still learns: trees on the states, or a curve over one variable (:mod:`.binned`).
+
+    Per run: ``features`` (K, p), ``curves`` its variables, ``residual`` (K,) [N m], rows that count (K,), fold of every
+    row (K,); a fold of -1 is used by nobody. The smallest p-value counts, times the number of predictors asked
+    (Bonferroni), with the share that this predictor removes.
+    """
+    y, keep, folds = np.concatenate(residual), np.concatenate(counted), np.concatenate(fold)
+    predictions = [_trees(np.vstack(features), y, keep, folds, seed)]
+    for which in range(len(curves[0])):
+        predictions.append(binned_prediction(*over_all(curves, which), y, keep, folds))
+    found = [_worth(p, y, residual, counted, seed) for p in predictions]
+    best = min(found, key=lambda f: (f.p_value, -f.share))
+    return replace(best, p_value=min(best.p_value * len(found), 1.0))
+
+
+def _trees(x: Array, y: Array, keep: NDArray[np.bool_], folds: NDArray[np.int_], seed: int) -> Array:
+    """Prediction (N,) of every fold by trees that have seen the others."""
     out = np.zeros(len(y))
     for f in np.unique(folds[folds >= 0]):
         mine = folds == f
         train = np.flatnonzero(keep & ~mine & (folds >= 0))
-        if len(train) < 50 or not (keep & mine).any():
-            continue
-        out[mine] = _fit(x[train], y[train], folds[train], seed).predict(x[mine])
-    lengths = np.cumsum([len(r) for r in residual])[:-1]
-    parts = np.split(out, lengths)
+        if len(train) >= FEWEST_SAMPLES and (keep & mine).any():
+            out[mine] = _fit(x[train], y[train], folds[train], seed).predict(x[mine])
+    return out
+
+
+def _worth(
+    out: Array, y: Array, residual: Sequence[Array], counted: Sequence[NDArray[np.bool_]], seed: int
+) -> Learnable:
+    """What the held-out prediction ``out`` (N,) of ``y`` (N,) is worth."""
+    keep = np.concatenate(counted)
+    parts = np.split(out, np.cumsum([len(r) for r in residual])[:-1])
     before = float(np.sum(y[keep] ** 2))
     # How far the prediction is to be believed is itself learned: one factor, on the same held-out samples.
     product, size = float(np.sum(out[keep] * y[keep])), float(np.sum(out[keep] ** 2))
@@ -115,7 +138,7 @@ def _fit(x: Array, y: Array, fold: NDArray[np.int_], seed: int) -> HistGradientB
     best = ITERATIONS
     if len(names) > 1:
         inside = fold != names[seed % len(names)]
-        if inside.sum() >= 50 and (~inside).sum() >= 20:
+        if inside.sum() >= FEWEST_SAMPLES and (~inside).sum() >= 20:
             # Where nothing can be learned the loss only grows: a trial of all iterations would be most of the time.
             trial = HistGradientBoostingRegressor(
                 max_iter=ITERATIONS,

@@ -168,6 +168,16 @@ class Columns:
                         out[r][:, j] += self.rows[r][j][:, where] @ own
         return out
 
+    def project(self, layout: Layout, terms: Sequence[Term], torque: Sequence[Array]) -> Array:
+        """Products (K,) of the columns of ``terms`` with ``torque`` (K, n) per run; zero for others of ``layout``."""
+        out = np.zeros(layout.total)
+        for term, start in zip(layout.terms, layout.starts, strict=True):
+            for j, where in enumerate(self._where[term]):
+                if term in terms and where is not None:
+                    for rows, own in zip(self.rows, torque, strict=True):
+                        out[start : start + term.size] += own[:, j] @ rows[j][:, where]
+        return out
+
     def indices(self, layout: Layout) -> list[tuple[Indices, Indices]]:
         """Per joint: positions in x and columns of the joint."""
         if layout not in self._indices:

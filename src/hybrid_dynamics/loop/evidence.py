@@ -26,6 +26,8 @@ from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
 from hybrid_dynamics.types import Array
 
+#: Beside a gain of all joints, links may change by no more than about this multiple of the starting model's torque.
+MULTIPLE = 1e-3
 #: Weight of a surface that coordinates must lie on, against the data.
 STIFF = 1e4
 
@@ -44,6 +46,7 @@ class Evidence:
         self._priors: dict[Term, Array] = {}
         self._indices: dict[Layout, list[tuple[Indices, Indices]]] = {}
         self._constraints: dict[Layout, Constraints] = {}
+        self._multiples: dict[Layout, Array] = {}
         self.columns = Columns(base, runs)
         #: Products of all columns and, as the last one, the target, per joint.
         self.gram: list[BlockGrams] = []
@@ -103,6 +106,7 @@ class Evidence:
     def leave_out(self, run: int, rows: slice) -> None:
         """Let ``rows`` of run number ``run`` count no more."""
         self.mask[run][rows] = False
+        self._multiples = {}
         self._reduce()
 
     def _reduce(self) -> None:
@@ -185,7 +189,7 @@ class Evidence:
         """Weigh the joints in every fit and score by ``floor`` (n,) [N m]; one without a floor counts nothing."""
         seen = floor > 0
         self.weights = np.where(seen, 1.0 / np.where(seen, floor, 1.0) ** 2, 0.0)
-        self._cache = {}
+        self._cache, self._multiples = {}, {}
 
     def relinearise(self, effects: Sequence[Effect], terms: Sequence[Term], x: Array) -> None:
         """Make the linear problem exact at ``x``: target = tau - exact(x) + columns x (Gauss-Newton, fixed columns)."""
@@ -270,7 +274,26 @@ class Evidence:
                 b[:, position] += self.weights[j] * grams[j][:, column, -1]
         if size:
             a[:, :: size + 1] += np.concatenate([self._prior(term) for term in layout.terms])
-        return a.reshape(many, size, size), b
+        return a.reshape(many, size, size) + self._defined(layout), b
+
+    def _defined(self, layout: Layout) -> Array | float:
+        """What makes a gain of all joints beside all links' parameters one number (K, K); 0 where there are not both.
+
+        The two can make the same torque. The gain is the multiple of the starting model's torque that is nearest to
+        the recorded one: what the links change is held orthogonal to that torque.
+        """
+        gain = any(t.joint is None and t.family().shared for t in layout.terms)
+        links = [t for t in layout.terms if t.family().all_links]
+        if not gain or not links:
+            return 0.0
+        if layout not in self._multiples:
+            make_room(self._multiples)
+            own = [tau - left for tau, left in zip((run.tau for run in self.runs), self.base_target, strict=True)]
+            weighted = [m * self.weights * o for m, o in zip(self.mask, own, strict=True)]
+            size = max(sum(float(np.sum(w * o)) for w, o in zip(weighted, own, strict=True)), 1e-300)
+            along = self.columns.project(layout, links, weighted) / size
+            self._multiples[layout] = np.outer(along, along) / MULTIPLE**2
+        return self._multiples[layout]
 
     def _prior(self, term: Term) -> Array:
         """Weight (p,) that holds the coordinates of ``term`` to zero."""

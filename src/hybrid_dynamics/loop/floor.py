@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_dynamics.loop.binned import curves_of
 from hybrid_dynamics.loop.blackbox import holm, learnable, state_features
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
@@ -113,7 +114,8 @@ def examine(
     share, p, strange = np.zeros(n), np.ones(n), np.zeros(n, bool)
     for j in np.flatnonzero(seen & (rms > resolution)):
         features = [state_features(run, int(j)) for run in runs]
-        found = learnable(features, [r[:, j] for r in residual], [m[:, j] for m in mask], folds)
+        curves = [curves_of(run, int(j)) for run in runs]
+        found = learnable(features, curves, [r[:, j] for r in residual], [m[:, j] for m in mask], folds)
         share[j], p[j] = found.share, found.p_value
         remembers = colour[j] > REMEMBERS and (
             rms[j] > TWICE * low[j] or _unshared(runs, mask, folds, int(j)) > UNSHARED

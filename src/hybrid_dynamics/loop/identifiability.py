@@ -77,7 +77,7 @@ def indistinguishable(
             listed.insert(
                 0,
                 {
-                    "effects": [{"effect": twin.effect, "joints": [names[twin.index]]}],
+                    "effects": [{"effect": twin.effect, "joints": [] if twin.joint is None else [names[twin.joint]]}],
                     "why": f"structurally the same: {known.why}",
                     "motion_that_would_tell": f"{known.remedy[0].upper()}{known.remedy[1:]}.",
                 },

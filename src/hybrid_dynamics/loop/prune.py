@@ -110,24 +110,30 @@ def keep_sure(
     the common families and the steps.
 
     The noise is what the model leaves before anything is dropped: otherwise the misfit that one drop leaves behind
-    would drown the next. A family that is common was looked at once; on each further joint it is one of n.
+    would drown the next. A family that is common was looked at once; on each further joint it is one of n. The gain of
+    a coefficient of z standard errors is about z / 2 of its own, so the rule asks for twice as sure a coefficient; of
+    friction, offset and armature, which every arm has, a coefficient at the level itself is enough.
     """
     evidence = judge.evidence
     kept = list(current)
     steps: list[Step] = []
     noise = evidence.held(current, physical=True)
+    own = judge.level(evidence.n, len(evidence.blocks))
     common = _common(judge, current, losses(judge, current), looked)
     while True:
         gains, full = losses(judge, kept, noise), evidence.held(kept, physical=True)
-        clear, forced = _clear(judge, kept), _forced(judge, kept)
+        sizes, forced = in_errors(judge, kept, evidence.fit(kept)), _forced(judge, kept)
         weak = []
         for term, gain in gains.items():
             expected = term.effect in common and term.joint is not None
             level = judge.level(evidence.n if expected else looked, gain.blocks)
+            size = sizes.get(term, 0.0)
             sure = gain.surer_than(level) and not judge.nibbles(term, gain, full, NIBBLE_KEPT)
+            # What every joint of a real arm has needs no more than a coefficient as sure as that, and a gain at all.
+            plain = term.family().everywhere and size > level and gain.surer_than(judge.settings.gain_in_errors)
             if term in forced:
                 weak.append((-np.inf, term))
-            elif not sure and not (expected and term in clear and gain.total > -gain.error):
+            elif not (sure or plain or (expected and size > own and gain.total > -gain.error)):
                 weak.append((gain.total / max(gain.error * level, 1e-300), term))
         if not weak:
             return kept, common, steps
@@ -210,13 +216,6 @@ def without_noise(judge: Judge, current: Sequence[Term]) -> list[Term]:
         if not small:
             return kept
         kept.remove(min(small, key=lambda t: (small[t], repr(t))))
-
-
-def _clear(judge: Judge, current: Sequence[Term]) -> set[Term]:
-    """Terms of one coefficient that exceeds its standard error at the level of one question a joint."""
-    level = judge.level(judge.evidence.n, len(judge.evidence.blocks.rows))
-    sizes = in_errors(judge, current, judge.evidence.fit(current))
-    return {t for t, size in sizes.items() if size > level}
 
 
 def in_errors(judge: Judge, current: Sequence[Term], x: Array) -> dict[Term, float]:

@@ -229,6 +229,20 @@ def _hysteresis(robot: Robot, hidden: Hidden) -> list[Effect]:
     return [Effect("hysteresis_friction", (robot.joint_names[hidden.at],), names)]
 
 
+def _harmonics(robot: Robot, hidden: Hidden) -> list[Effect]:
+    """One ripple, and a second at twice its harmonic (:func:`.outside.ripple`): the catalogue's law twice."""
+    joint, v = (robot.joint_names[hidden.at],), hidden.values
+    first = {"amplitude": v["amplitude"], "harmonic": v["harmonic"], "phase": v["phase"]}
+    if not v["second"]:
+        return [Effect("torque_ripple", joint, first)]
+    second = {
+        "amplitude": v["second"] * v["amplitude"],
+        "harmonic": 2 * v["harmonic"],
+        "phase": float(np.angle(np.exp(1j * (2 * v["phase"] + 1.0)))),
+    }
+    return [Effect("torque_ripple", joint, first), Effect("torque_ripple", joint, second)]
+
+
 def _curved(robot: Robot, hidden: Hidden) -> list[Effect]:
     joint = (robot.joint_names[hidden.at],)
     v = hidden.values
@@ -271,7 +285,8 @@ KNOWN = (
         _stiffness(0.0),
         _one("joint_spring", {"shape": "linear"}, stiffness="stiffness", rest_position="rest"),
     ),
-    Recipe("ripple", _ripple(0.0), _one("torque_ripple", amplitude="amplitude", harmonic="harmonic", phase="phase")),
+    Recipe("ripple", _ripple(0.0), _harmonics),
+    Recipe("two harmonics", _ripple(0.6), _harmonics),
     Recipe("gear", _coupled("tendon"), _gear),
     Recipe("coupling", _coupled("own_coupling"), _own_coupling),
     Recipe("zero", _zero, _one("position_offset", offset="offset")),
@@ -289,7 +304,6 @@ UNKNOWN = (
     Recipe("tanh", _tanh, _nothing),
     Recipe("stribeck 1/2", _stribeck(0.5), _nothing),
     Recipe("cubic spring", _stiffness(1.5), _nothing),
-    Recipe("two harmonics", _ripple(0.6), _nothing),
     Recipe("lag", _plain("lag", True, constant=0.001), _nothing),
     Recipe("two joints", _coupled("two_joints"), _nothing),
 )

@@ -1,0 +1,60 @@
+"""A gain of the whole recording is told from links that are all heavier; links that are off as links stay links."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.effects.inertia import link_parameters, to_body
+from hybrid_dynamics.loop import close_loop
+from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitation
+from hybrid_dynamics.trajectory import Trajectory
+
+GAIN = 1.25
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    fingers = ("panda_finger_joint1", "panda_finger_joint2")
+    return Robot.from_urdf(find_description("panda.urdf"), lock=fingers)
+
+
+def _runs(robot: Robot, gain: float) -> list[Trajectory]:
+    """Logs of an arm whose links are off by a fifth either way, read ``gain`` times too large."""
+    rng = np.random.default_rng(4)
+    values: dict[str, float] = {}
+    for j, name in enumerate(robot.joint_names):
+        body = to_body(link_parameters(robot, j) * rng.uniform(0.8, 1.2))
+        values |= {f"{name}/{key}": value for key, value in body.items()}
+    links = Effect("inertial_parameters", (), values, {"links": robot.joint_names})
+    out = []
+    for k in range(3):
+        run = excitation(robot, [links], duration=8.0, seed=k, name=f"r{k}", split="test" if k == 2 else "train")
+        out.append(run.with_signals(tau=gain * run["tau"]))
+    return out
+
+
+@pytest.mark.slow
+def test_one_factor_of_all_links_is_a_gain_and_says_what_else_it_may_be(panda: Robot) -> None:
+    runs = _runs(panda, GAIN)
+    diagnosis = close_loop(panda, runs[:2], runs[2:]).diagnosis.to_json()
+    shared = [e for e in diagnosis["effects"] if e["effect"] == "torque_gain" and not e["joints"]]
+    assert len(shared) == 1
+    # The links are off by 12 % rms, each its own way: that much of the factor is theirs.
+    assert shared[0]["parameters"][0]["value"] == pytest.approx(GAIN, rel=0.08)
+    assert any(a["effects"][0]["effect"] == "inertial_parameters" for a in shared[0]["indistinguishable_from"])
+    assert (
+        diagnosis["error"]["test"]["after"]["relative_error"]
+        < 0.1 * diagnosis["error"]["test"]["before"]["relative_error"]
+    )
+
+
+@pytest.mark.slow
+def test_links_that_are_off_each_its_own_way_are_no_gain(panda: Robot) -> None:
+    runs = _runs(panda, 1.0)
+    diagnosis = close_loop(panda, runs[:2], runs[2:]).diagnosis.to_json()
+    names = [e["effect"] for e in diagnosis["effects"]]
+    assert "torque_gain" not in names
+    assert set(names) & {"inertial_parameters", "link_inertia", "link_mass", "payload"}
