@@ -2,7 +2,8 @@
 
 All links' parameters together can make any multiple of the rigid-body torque, so a gain of the whole recording ends as
 links that are all heavier by the same factor. Where one factor is most of what the links would have to change by, the
-gain is the simpler cause: it leaves the links near what the URDF says.
+gain is the simpler cause: it leaves the links near what the URDF says. Links that are off as links are off each in its
+own way: they ask every joint for another factor.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from hybrid_dynamics.types import Array
 
 #: One factor must be at least this share of what the links' torque changes by, and differ from one by this much.
 SHARE, LEAST = 0.75, 0.05
+#: Joints whose own factor lies within this share of the common one, and how many of those that change must.
+NEAR, AGREEING = 0.5, 0.75
 
 
 def gain_for_links(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
@@ -32,8 +35,7 @@ def gain_for_links(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     gain = _gain(judge)
     if not links or gain is None or gain in chosen:
         return list(chosen)
-    factor, share = _factor(judge, chosen, links, refit(evidence, chosen))
-    if abs(factor) < LEAST or share < SHARE:
+    if not _one_factor(judge, chosen, links, refit(evidence, chosen)):
         return list(chosen)
     evidence.add_terms([gain])
     refit(evidence, chosen, everything=True)
@@ -51,19 +53,24 @@ def _gain(judge: Judge) -> Term | None:
     return None
 
 
-def _factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term], x: Array) -> tuple[float, float]:
-    """Multiple of the starting model's torque that is nearest to the torque of ``links``, and its share of that."""
+def _one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term], x: Array) -> bool:
+    """Whether the torque of ``links`` is a multiple of the starting model's, on the whole and on most joints alike."""
     evidence = judge.evidence
     layout = evidence.layout(chosen)
     only = np.zeros_like(x)
     for term, start in zip(layout.terms, layout.starts, strict=True):
         if term in links:
             only[start : start + term.size] = x[start : start + term.size]
-    product = own = whole = 0.0
+    product, own, whole = (np.zeros(evidence.n) for _ in range(3))
     for r, change in enumerate(evidence.linear(chosen, only)):
         start_torque = evidence.runs[r].tau - evidence.base_target[r]
-        weight = evidence.mask[r] * evidence.weights
-        product += float(np.sum(weight * change * start_torque))
-        own += float(np.sum(weight * start_torque**2))
-        whole += float(np.sum(weight * change**2))
-    return (product / own, product**2 / own / whole) if own and whole else (0.0, 0.0)
+        product += np.sum(evidence.mask[r] * change * start_torque, axis=0)
+        own += np.sum(evidence.mask[r] * start_torque**2, axis=0)
+        whole += np.sum(evidence.mask[r] * change**2, axis=0)
+    weights = evidence.weights
+    factor = float(product @ weights) / max(float(own @ weights), 1e-300)
+    share = factor**2 * float(own @ weights) / max(float(whole @ weights), 1e-300)
+    changed = (judge.floor > 0) & (whole > evidence.samples * judge.floor**2)
+    near = np.abs(product / np.maximum(own, 1e-300) - factor) <= NEAR * abs(factor)
+    alike = changed.sum() > 1 and float(np.mean(near[changed])) >= AGREEING
+    return abs(factor) >= LEAST and share >= SHARE and bool(alike)
