@@ -8,10 +8,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from tests.small_arm import arm, runs
 
 from hybrid_dynamics.files import write_json
+from hybrid_dynamics.identification import LeastSquaresSettings
+from hybrid_dynamics.loop import LoopSettings, close_loop
 from hybrid_dynamics.study.claims.park_checks import park_checks
+from hybrid_dynamics.study.park import judge_arm
 from hybrid_dynamics.study.park.compare import AS_GOOD, BETTER, WORSE, Comparison, compare
+from hybrid_dynamics.study.park.tables import COLUMNS
 from hybrid_dynamics.study.report.park import MODELS, _percent, added_section, park_section
 from hybrid_dynamics.types import Array
 
@@ -85,6 +90,24 @@ def test_one_short_run_is_compared_too() -> None:
     e = noise(5)[:60]
     joints, arm = compare([e], [e + lacking(9.0)[:60]], [TIME[:60]], BLOCK, CHANCE)
     assert np.isfinite([joints[0].relative, joints[0].error, arm.relative]).all()
+
+
+def test_an_arm_is_judged_with_the_comparison() -> None:
+    """Friction that changes its sign at standstill: what least squares smooths over, and the loop does not."""
+    train, test = runs(train=2, test=1, duration=6.0)
+    settings = LoopSettings()
+    found = close_loop(arm(), train, test, settings)
+    joints = judge_arm("a", arm(), [*train, *test], found, settings, LeastSquaresSettings()).joints
+    assert tuple(joints.columns) == COLUMNS
+    mean_squares = joints[["loop", "least_squares"]] ** 2
+    expected = mean_squares["loop"] / mean_squares["least_squares"] - 1
+    np.testing.assert_allclose(joints["against_least_squares"], expected, rtol=1e-9)
+    whole = mean_squares.sum()
+    assert joints["arm_against_least_squares"].tolist() == pytest.approx(
+        [whole["loop"] / whole["least_squares"] - 1] * 2
+    )
+    assert "worse" not in set(joints["against_least_squares_verdict"])
+    assert (joints["against_least_squares_error"] > 0).all()
 
 
 def park_rows(verdicts: list[str], arm: str) -> pd.DataFrame:

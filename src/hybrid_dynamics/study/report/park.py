@@ -55,8 +55,8 @@ def park_section(reports: Path, data: Path) -> Section | None:
     if AGAINST in rows:
         parts.append(
             "<p>Loop beside least squares: difference of their mean square errors as a share of least squares' "
-            "(negative: the loop is better) ± its standard error, from blocks of time of the held-out runs. Better or "
-            "worse is said where chance alone would say it in at most one of twenty joints.</p>"
+            "(negative: the loop is better) ± its standard error, from blocks of time of the held-out runs. Better, "
+            "and likewise worse, is said where chance alone would say it of at most one joint in twenty.</p>"
         )
     if len(rows):
         parts.append(_arms(rows, told))
