@@ -122,3 +122,15 @@ def test_an_undeclared_payload_is_no_fault_wherever_it_hangs(panda, com, frictio
 def test_friction_that_outweighs_everything_else_is_no_fault(panda):
     heavy = [Effect("coulomb_friction", (j,), {"coulomb_torque": 40.0}) for j in JOINTS]
     assert told(panda, excitation(panda, heavy, duration=16.0, rate=200.0)) == []
+
+
+def test_a_spring_on_a_light_wrist_is_no_wrong_sign():
+    ur10 = Robot.from_urdf(find_description("ur_description/urdf/ur10_joint_limited_robot.urdf"))
+    spring = Effect("joint_spring", ("wrist_3_joint",), {"stiffness": 1.9, "rest_position": -0.2}, {"shape": "linear"})
+    log = excitation(ur10, [spring], duration=16.0, rate=200.0)
+    assert [f for f in told(ur10, log) if f[0] == "hard"] == []
+    # The same wrist with friction alone, its sign turned, is refused.
+    rough = Effect("coulomb_friction", ("wrist_3_joint",), {"coulomb_torque": 1.0})
+    plain = excitation(ur10, [rough], duration=16.0, rate=200.0)
+    turned = plain.with_signals(tau=plain["tau"] * np.where(np.arange(6) == 5, -1, 1))
+    assert ("hard", "torque_sign", "wrist_3_joint") in told(ur10, turned)

@@ -187,3 +187,33 @@ def test_asked_what_changed_where_nothing_did_the_answer_is_nothing(panda):
               for k in range(2)]  # fmt: skip
     changed = close_loop(panda, loaded[:1], [replace(loaded[1], split="test")], start=calibrated.model)
     assert named(changed) == {("payload", ())}
+
+
+def test_what_a_neighbour_does_to_a_joint_is_named_though_nothing_is_left_of_the_neighbour(panda):
+    """A motor that brakes its neighbour, whose own torque is explained: only one row says something is missing."""
+    coupling = Effect(
+        "joint_coupling",
+        ("panda_joint5",),
+        {"viscous_coefficient": 0.4, "coulomb_torque": 0.5, "armature": 0.0},
+        {"from_joint": "panda_joint6", "rows": "own", "sign_of": "partner"},
+    )
+    train, test = excitations(panda, [coupling], train=2, test=1, duration=8.0)
+    result = close_loop(panda, train, test)
+    assert named(result) == {("joint_coupling", ("panda_joint5",))}
+    found = result.diagnosis.effects[0].effect
+    assert dict(found.settings)["from_joint"] == "panda_joint6"
+    assert found.parameters["coulomb_torque"] == pytest.approx(0.5, rel=0.1)
+    assert result.diagnosis.verdict == "explained"
+
+
+def test_a_delay_that_is_this_way_in_one_run_and_that_way_in_another_is_no_cause(panda):
+    """Clocks of two recordings that were started by hand: nothing on the whole, so no property of the robot."""
+    runs = []
+    for k, late in enumerate((0.002, -0.002, 0.0)):
+        run = excitation(panda, [], name=f"r{k}", split="test" if k == 2 else "train", duration=8.0, seed=60 + k)
+        tau = np.column_stack([np.interp(run.time - late, run.time, column) for column in run["tau"].T])
+        runs.append(run.with_signals(tau=tau))
+    result = close_loop(panda, runs[:2], runs[2:])
+    for entry in result.diagnosis.effects:
+        delay = entry.effect.parameters.get("delay")
+        assert delay is None or abs(delay) > entry.effect.std_errors["delay"]

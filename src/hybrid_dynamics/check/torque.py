@@ -20,6 +20,8 @@ from hybrid_dynamics.types import Array
 
 #: A joint counts as explained where a guess leaves less than this share of its torque's mean square.
 EXPLAINED = 0.6
+#: The sign of one joint's torque is surely wrong only where the other one leaves less than this share.
+SETTLED = 0.2
 #: A run is looked at alone where it leaves this much more of a joint's mean square than the best run.
 OUTVOTED = 0.3
 #: A guess that gains this much beyond its price (natural logarithm of mean squares) is certain, less is a warning.
@@ -136,18 +138,24 @@ def _signs(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
                 suggestion=turned(len(names), flipped, ["tau"]),
             )
         ]
-    return [
-        Finding(
-            "torque_sign",
-            "hard" if told.scores[j] - best.scores[j] >= CERTAIN else "warning",
-            f"the measured torque (tau{j + 1}) has the wrong sign ({_shares(told, best, [j])}); no direction of "
-            "gravity and no order of the joints explains it better; expected the torque the drive delivers, positive "
-            "along the joint axis: flip its sign",
-            joint=names[j],
-            suggestion=turned(len(names), [j], ["tau"]),
-        )
-        for j in flipped
-    ]
+    return [_one_sign(names, told, best, j) for j in flipped]
+
+
+def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int) -> Finding:
+    """The torque of joint ``j`` alone: certain only where the other sign leaves little unexplained.
+
+    A spring on a light wrist looks more like its torque turned round than like its torque; neither explains it.
+    """
+    certain = told.scores[j] - best.scores[j] >= CERTAIN and _left(best.scores[j]) < SETTLED
+    return Finding(
+        "torque_sign",
+        "hard" if certain else "warning",
+        f"the measured torque (tau{j + 1}) {'has' if certain else 'may have'} the wrong sign "
+        f"({_shares(told, best, [j])}); no direction of gravity and no order of the joints explains it better; "
+        "expected the torque the drive delivers, positive along the joint axis: flip its sign",
+        joint=names[j],
+        suggestion=turned(len(names), [j], ["tau"]),
+    )
 
 
 def _places(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:

@@ -56,14 +56,16 @@ class JointCoupling(Family):
     )
 
     def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
-        """Both rows of neighbours, and every joint's own row from those nearby."""
+        """Both rows of neighbours, and every joint's own row from those nearby.
+
+        ``moving`` are the joints whose torque is asked about: a partner's own may be explained already.
+        """
         out = []
-        joints = [int(j) for j in np.flatnonzero(moving)]
-        for j in joints:
-            for k in joints:
-                if k == j + 1:
+        for j in range(robot.n_joints):
+            for k in range(max(j - _REACH, 0), min(j + _REACH + 1, robot.n_joints)):
+                if k == j + 1 and (moving[j] or moving[k]):
                     out += [self.at(robot, j, k, BOTH, SUM), self.at(robot, j, k, BOTH, DIFFERENCE)]
-                if k != j and abs(k - j) <= _REACH:
+                if k != j and moving[j]:
                     out.append(self.at(robot, j, k, OWN, PARTNER))
         return out
 
