@@ -154,7 +154,8 @@ def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int) -> Finding
         f"({_shares(told, best, [j])}); no direction of gravity and no order of the joints explains it better; "
         "expected the torque the drive delivers, positive along the joint axis: flip its sign",
         joint=names[j],
-        suggestion=turned(len(names), [j], ["tau"]),
+        # What is not certain is no clear cure: nothing is turned round unasked.
+        suggestion=turned(len(names), [j], ["tau"]) if certain else {},
     )
 
 
