@@ -1,6 +1,7 @@
 """What the data cannot tell: sets of effects that would explain as much, the noise, motion that was not seen."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,3 +75,29 @@ def test_the_noise_floor_holds_where_one_run_moves_farther_than_the_others(arm):
     left = [np.square(diagnosis["error_moving"][part]["after"]["rmse"]) for part in ("train", "test")]
     noise = np.sqrt(0.75 * left[0] + 0.25 * left[1])
     np.testing.assert_allclose(diagnosis["noise_floor"], noise, rtol=0.2)
+
+
+def listed(diagnosis: dict[str, Any], name: str) -> set[str]:
+    """Single effects that are said to do as well as ``name`` on the first joint."""
+    entry = next(e for e in diagnosis["effects"] if (e["effect"], e["joints"]) == (name, ["j1"]))
+    return {a["effects"][0]["effect"] for a in entry["indistinguishable_from"] if len(a["effects"]) == 1}
+
+
+@pytest.mark.parametrize("offset", [1.2, 0.0], ids=["with an offset", "alone"])
+def test_friction_and_an_offset_may_be_friction_that_is_rougher_one_way(arm, offset):
+    runs = []
+    for seed in range(4):
+        run = swing(arm, 1.0, seed, effects=())
+        speed = np.gradient(run["q"][:, 0], run.time)
+        tau = run["tau"] + np.outer(2.7 * np.sign(speed) + offset, [1, 0])
+        runs.append(run.with_signals(tau=tau))
+    diagnosis = close_loop(arm, runs[:3], runs[3:]).diagnosis.to_json()
+    names = {(e["effect"], *e["joints"]) for e in diagnosis["effects"]}
+    if offset:
+        assert names == {("coulomb_friction", "j1"), ("torque_offset", "j1")}
+        assert "asymmetric_coulomb_friction" in listed(diagnosis, "coulomb_friction")
+        assert "asymmetric_coulomb_friction" in listed(diagnosis, "torque_offset")
+    else:
+        # Without an offset there is nothing that a second number would stand for.
+        assert names == {("coulomb_friction", "j1")}
+        assert "asymmetric_coulomb_friction" not in listed(diagnosis, "coulomb_friction")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import Evidence
@@ -72,6 +72,7 @@ def indistinguishable(
             if key not in found or loss < found[key][0]:
                 found[key] = (loss, entry)
         listed = [entry for _, entry in sorted(found.values(), key=lambda item: (len(item[1]["effects"]), item[0]))]
+        listed = [*_one_for_several(judge, terms, term), *listed]
         if (twin := term.family().twin(term, evidence.robot)) is not None:
             known = next(e for e in term.family().equivalent_to if e.effects == (twin.effect,))
             listed.insert(
@@ -83,6 +84,30 @@ def indistinguishable(
                 },
             )
         out[term] = listed
+    return out
+
+
+def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[str, Any]]:
+    """Families that say of themselves that ``term`` and others of its joint make their torque, where those do."""
+    evidence, settings = judge.evidence, judge.settings
+    out = []
+    here = np.arange(evidence.n) == term.joint
+    for name in (*settings.families, *settings.further):
+        kind = family(name)
+        for known in kind.equivalent_to:
+            together = [t for t in terms if t.joint is not None and t.joint == term.joint and t.effect in known.effects]
+            if term not in together or len(together) < 2 or {t.effect for t in together} != set(known.effects):
+                continue
+            offered = kind.terms(evidence.robot, here, settings.options)
+            evidence.add_terms(offered)
+            full, rest = evidence.held(terms, physical=True), [t for t in terms if t not in together]
+            if any(judge.as_good(evidence.held([*rest, c], physical=True), full) for c in offered):
+                entry = {
+                    "effects": [{"effect": name, "joints": [evidence.robot.joint_names[term.index]]}],
+                    "why": f"in the place of {' and '.join(known.effects)}: {known.why}",
+                    "motion_that_would_tell": f"{known.remedy[0].upper()}{known.remedy[1:]}.",
+                }
+                out.append(entry)
     return out
 
 
