@@ -101,3 +101,24 @@ def test_friction_and_an_offset_may_be_friction_that_is_rougher_one_way(arm, off
         # Without an offset there is nothing that a second number would stand for.
         assert names == {("coulomb_friction", "j1")}
         assert "asymmetric_coulomb_friction" not in listed(diagnosis, "coulomb_friction")
+
+
+@pytest.mark.parametrize(("harmonic", "is_ripple"), [(21.0, True), (5.0, False)])
+def test_a_ripple_is_found_at_its_harmonic_in_a_short_range_and_none_in_less_than_two_periods(arm, harmonic, is_ripple):
+    """Over 0.8 rad harmonics are known to two units at first; what is slower than two periods is no ripple."""
+    runs = []
+    for seed in range(4):
+        run = swing(arm, 0.5, seed, effects=())
+        tau = run["tau"] + np.outer(1.5 * np.sin(harmonic * run["q"][:, 0] + 0.3), [1, 0])
+        runs.append(run.with_signals(tau=tau))
+    span = np.ptp(np.concatenate([run["q"][:, 0] for run in runs[:3]]))
+    assert 2 * np.pi / span > 5.0  # one period over the range, in the unit of a harmonic
+    diagnosis = close_loop(arm, runs[:3], runs[3:]).diagnosis.to_json()
+    ripples = [e for e in diagnosis["effects"] if e["effect"] == "torque_ripple"]
+    if is_ripple:
+        values = {p["name"]: p["value"] for p in ripples[0]["parameters"]}
+        assert values["harmonic"] == pytest.approx(harmonic, rel=0.02)
+        assert values["amplitude"] == pytest.approx(1.5, rel=0.05)
+        assert ripples[0]["confirmed"]
+    else:
+        assert ripples == []

@@ -98,7 +98,10 @@ class TorqueRipple(Family):
             for _ in range(_OFFERED):
                 if not len(share) or share.max() < max(_PROMINENCE * level, 1e-3):
                     break
-                n = float(harmonics[np.argmax(share)])
+                # The foot of something slower, fewer than two periods over the range, is no harmonic of a ripple.
+                if (top := int(np.argmax(share))) == 0:
+                    break
+                n = float(harmonics[top])
                 out.append(self.at(int(j), n))
                 share = np.where(np.abs(harmonics - n) < 2 * np.pi / span, 0.0, share)
         return out

@@ -110,6 +110,12 @@ def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -
     return out
 
 
+def _span(judge: Judge, term: Term) -> float:
+    """Range [rad] of positions that the joint of ``term`` has in the training runs."""
+    q = [run.q[:, term.index] for run in judge.evidence.runs]
+    return float(max(map(np.max, q)) - min(map(np.min, q)))
+
+
 def refine(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     """``chosen`` with nonlinear parameters at the best value between their bounds, one after the other, twice."""
     evidence = judge.evidence
@@ -120,8 +126,9 @@ def refine(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
         for i, term in enumerate(out):
             for r in term.family().nonlinear_settings:
                 start = float(out[i].options[r.name])
-                # A grid value is right to a factor of two or so; a harmonic to a fraction of a period.
-                low, high = (start / 2.5, start * 2.5) if r.log else (start - 0.5, start + 0.5)
+                # A grid value is right to a factor of two or so; a harmonic to a quarter period over the range seen.
+                reach = max(0.5, np.pi / 2 / max(_span(judge, term), 1e-3))
+                low, high = (start / 2.5, start * 2.5) if r.log else (start - reach, start + reach)
                 low, high = max(low, r.low), min(high, r.high)
                 if not low < high:
                     continue
