@@ -134,3 +134,20 @@ def test_a_spring_on_a_light_wrist_is_no_wrong_sign():
     plain = excitation(ur10, [rough], duration=16.0, rate=200.0)
     turned = plain.with_signals(tau=plain["tau"] * np.where(np.arange(6) == 5, -1, 1))
     assert ("hard", "torque_sign", "wrist_3_joint") in told(ur10, turned)
+
+
+def test_two_late_joints_are_no_late_clock(panda, run):
+    late = 60  # rows of 5 ms
+    rng = np.random.default_rng(0)
+    tau = run["tau"][late:].copy()
+    tau[:, 4:6] = run["tau"][:-late, 4:6]
+    clock = run.rows(slice(late, None)).with_signals(tau=run["tau"][:-late])
+    assert ("hard", "torque_delay", "") in told(panda, clock)
+    # Nothing can be said of the other joints: their torque has nothing to do with the motion.
+    rest = [0, 1, 2, 3, 6]
+    slow = np.cumsum(rng.normal(size=(len(tau), len(rest))), axis=0)
+    tau[:, rest] = 20.0 * slow / slow.std(axis=0)
+    findings, _ = check_torque(panda, [run.rows(slice(late, None)).with_signals(tau=tau)])
+    delays = [f for f in findings if f.code == "torque_delay"]
+    assert [f.severity for f in delays] == ["warning"]
+    assert not delays[0].suggestion

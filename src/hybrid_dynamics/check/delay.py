@@ -15,14 +15,18 @@ from hybrid_dynamics.types import Array
 
 #: Largest delay [s] that is looked for; shorter where the runs are short.
 LONGEST = 0.6
+#: Least fall of a joint's score by which it says that it is late too.
+SAYS_SO = 0.05
 
 
 @dataclass(frozen=True)
 class Delay:
-    """``seconds`` (positive: torque recorded late) and how much the joints' scores fall when it is taken back."""
+    """``seconds`` (positive: torque recorded late), how much the joints' scores fall together when it is taken back,
+    and the share of joints that fall: one clock is late for all of them."""
 
     seconds: float
     gain: float
+    agreeing: float = 0.0
 
 
 def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int], tuple[Array, Array]]) -> Delay:
@@ -36,8 +40,8 @@ def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int
         return Delay(0.0, 0.0)
     starts = np.concatenate([[0], np.cumsum([len(p.q) for p in parts])])
     rows = np.concatenate([np.arange(a + reach, b - reach) for a, b in pairwise(starts)])
-    scores = np.zeros(2 * reach + 1)
-    for j in range(columns.tau.shape[1]):
+    each = np.zeros((columns.tau.shape[1], 2 * reach + 1))
+    for j in range(len(each)):
         model, tau = torque(j)
         own = np.column_stack([model, columns.dq[:, j], columns.sign[:, j], columns.ddq[:, j]])[rows]
         own -= own.mean(axis=0)
@@ -47,11 +51,13 @@ def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int
             late = late - late.mean()
             cross = own.T @ late / len(rows)
             gram = np.block([[inner, cross[:, None]], [cross[None, :], np.mean(late**2)]])
-            scores[k] += explain(gram).score
+            each[j, k] = explain(gram).score
+    scores = each.sum(axis=0)
     best = int(np.argmin(scores))
     shift = float(best - reach)
     if 0 < best < 2 * reach:
         left, mid, right = scores[best - 1 : best + 2]
         bend = left - 2 * mid + right
         shift += 0.5 * float(left - right) / float(bend) if bend > 1e-9 else 0.0
-    return Delay(shift * dt, float(scores[reach] - scores[best]))
+    agreeing = float(np.mean(each[:, reach] - each[:, best] >= SAYS_SO))
+    return Delay(shift * dt, float(scores[reach] - scores[best]), agreeing)

@@ -32,6 +32,8 @@ MAX_SCALE = 8.0
 STRONG = 0.15
 #: Delays [s]: told, doubted, refused. Shorter ones are for the loop to name.
 DELAY_TOLD, DELAY_DOUBTED, DELAY_REFUSED = 0.01, 0.03, 0.08
+#: Share of joints that a late clock must help.
+MOST_JOINTS = 0.7
 #: Least gain of a delay (sum of the joints' log mean squares).
 DELAY_GAIN = 0.7
 #: A rotor this many times the inertia of all that its joint moves is none.
@@ -284,8 +286,14 @@ def _delay(names: Sequence[str], columns: Columns, parts: Sequence[Stretch], bes
     # A quarter of a sampling interval is what the parabola resolves.
     if size < DELAY_TOLD or found.gain < DELAY_GAIN:
         return []
-    severity: Severity = "hard" if size >= DELAY_REFUSED else "warning" if size >= DELAY_DOUBTED else "note"
     what = "later" if found.seconds > 0 else "earlier"
+    if found.agreeing < MOST_JOINTS:
+        text = (
+            f"the torque of {found.agreeing:.0%} of the joints fits the motion best {size:.3g} s {what}, the others do "
+            "not say so: that is no clock; their torque is not what the model says, or the run is short"
+        )
+        return [Finding("torque_delay", "note" if size < DELAY_DOUBTED else "warning", text)]
+    severity: Severity = "hard" if size >= DELAY_REFUSED else "warning" if size >= DELAY_DOUBTED else "note"
     text = (
         f"the torque is recorded {size:.3g} s {what} than the positions; expected one clock for both: shift it with "
         f"delay {found.seconds:.3g} s"
