@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
-from hybrid_dynamics.loop import close_loop
+from hybrid_dynamics.loop import Model, close_loop
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
@@ -58,3 +60,16 @@ def test_links_that_are_off_each_its_own_way_are_no_gain(panda: Robot) -> None:
     names = [e["effect"] for e in diagnosis["effects"]]
     assert "torque_gain" not in names
     assert set(names) & {"inertial_parameters", "link_inertia", "link_mass", "payload"}
+
+
+def test_asked_on_top_of_a_gain_an_effect_has_its_own_size(panda: Robot) -> None:
+    """What is added to a robot whose torque is read 1.25 times too large is read so too."""
+    friction = Effect("viscous_friction", ("panda_joint3",), {"viscous_coefficient": 3.0})
+    runs = [excitation(panda, [friction], duration=8.0, seed=k, name=f"r{k}") for k in range(2)]
+    read = [run.with_signals(tau=GAIN * run["tau"]) for run in runs]
+    start = Model(panda, (Effect("torque_gain", (), {"gain": GAIN}),))
+    result = close_loop(panda, read[:1], [replace(read[1], split="test")], start=start)
+    found = [e.effect for e in result.diagnosis.effects]
+    assert [(e.effect, e.joints) for e in found] == [("viscous_friction", ("panda_joint3",))]
+    assert found[0].parameters["viscous_coefficient"] == pytest.approx(3.0, rel=0.02)
+    assert result.diagnosis.verdict == "explained"

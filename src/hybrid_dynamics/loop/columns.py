@@ -38,6 +38,8 @@ class Columns:
         self.terms: list[Term] = []
         #: True where effects of the starting model follow the load, and so every change of the rigid body.
         self.base_follows_load = any(e.term(base.robot).family().uses_load for e in base.effects)
+        #: What the starting model says the torque is read too large by, where it says so: columns are read like it.
+        self._read = None if np.all(base.readings.gain == 1.0) else base.readings.gain
         self.rows: list[list[Array]] = [[np.empty((len(r.time), 0)) for _ in range(self.n)] for r in self.runs]
         self._where: dict[Term, list[Indices | None]] = {}
         #: A search asks for the same combinations again and again.
@@ -108,6 +110,8 @@ class Columns:
         out = []
         for run, motion in zip(self.runs, motions, strict=True):
             columns = term.family().columns(motion, term)
+            if self._read is not None:
+                columns = columns * (self._read[:, None] if columns.ndim == 3 else self._read[term.index])
             if term.family().by_regressor:
                 out.append(columns)
                 continue
