@@ -105,6 +105,7 @@ def cases(
                 "robot": "arm", "hidden": hidden, "named_right": True, "nothing_wrong_named": k >= wrong,
                 "parameter_error": error if hidden else None, "rmse_after": after, "rmse_true_model": 1.0,
                 "rmse_after_all_rows": after, "rmse_true_model_all_rows": 1.0, "floor_over_true_model": floor,
+                "unknown_forms": "", "verdict": "explained" if hidden else "nothing_missing",
             }
         )  # fmt: skip
     return pd.DataFrame(rows)
@@ -123,3 +124,13 @@ def test_claims_on_hidden_effects_follow_their_cases():
     assert [c.met for c in blind_checks(cases(after=1.2))][4] is False
     assert [c.met for c in blind_checks(cases(floor=0.7))][5] is False
     assert not list(blind_checks(cases().iloc[:0]))
+
+
+def test_a_law_outside_the_catalogue_is_judged_by_its_verdict_alone():
+    both = cases()
+    strange = both.iloc[:40].assign(unknown_forms="lugre", nothing_wrong_named=False, rmse_after=20.0)
+    for verdict, met in (("partly_explained", True), ("explained", False)):
+        found = list(blind_checks(pd.concat([both, strange.assign(verdict=verdict)])))
+        assert (found[0].met, found[0].n) == (met, 40)
+        # Neither its names nor its errors are counted among those that could be right.
+        assert [c.met for c in found[1:]] == [True] * 6

@@ -48,10 +48,10 @@ def test_two_harmonics_of_a_joint_are_two_ripples_and_one_of_them_is_half_the_tr
     assert [e["effect"] for e in case.truth["effects"]] == ["torque_ripple"] * 2
     size = [1.0] * 6
     said: dict[str, Any] = {
-        "effects": [e | {"indistinguishable_from": []} for e in reversed(case.truth["effects"])],
+        "effects": [e | {"indistinguishable_from": [], "confirmed": True} for e in reversed(case.truth["effects"])],
         "verdict": "explained",
-        "error": {"test": {"after": {"rmse": size}}},
-        "error_moving": {"test": {"before": {"rmse": size}, "after": {"rmse": size}}},
+        "error": {"test": {"after_confirmed": {"rmse": size}}},
+        "error_moving": {"test": {"before": {"rmse": size}, "after_confirmed": {"rmse": size}}},
         "noise_floor": size,
     }
     row = score_blind(case.truth, said, ROBOT, case.train, case.test)
@@ -62,6 +62,12 @@ def test_two_harmonics_of_a_joint_are_two_ripples_and_one_of_them_is_half_the_tr
     half = score_blind(case.truth, said | {"effects": [said["effects"][0]]}, ROBOT, case.train, case.test)
     assert not half["named_right"]
     assert half["nothing_wrong_named"]
+    # What the test runs contradicted is not named: told, but not in the model.
+    wrong = said["effects"][0] | {"joints": ["elbow_joint"]}
+    for confirmed in (True, False):
+        more = said | {"effects": [*said["effects"], wrong | {"confirmed": confirmed}]}
+        row = score_blind(case.truth, more, ROBOT, case.train, case.test)
+        assert row["nothing_wrong_named"] == (not confirmed)
 
 
 def test_a_case_is_as_large_as_its_truth_says_and_tells_nothing_in_its_name():

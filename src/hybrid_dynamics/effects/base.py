@@ -404,15 +404,19 @@ class Family(ABC):
     def parameter_error(
         self, true: Effect, found: Effect, robot: Robot, motions: Sequence[Motion] = ()
     ) -> dict[str, float]:
-        """Relative error of every published parameter; those of one unit are measured by the largest of them."""
+        """Relative error of every published parameter; those of one unit are measured by the largest of them.
+
+        A unit in which nothing is hidden has no relative error and is left out.
+        """
         keys = self.published(true.settings)
         largest: dict[str, float] = {}
         for key in keys:
             unit = self.unit(key, true.settings)
             largest[unit] = max(largest.get(unit, 0.0), abs(true.parameters[key]))
         return {
-            key: abs(found.parameters[key] - true.parameters[key]) / max(largest[self.unit(key, true.settings)], 1e-300)
+            key: abs(found.parameters[key] - true.parameters[key]) / largest[self.unit(key, true.settings)]
             for key in keys
+            if largest[self.unit(key, true.settings)] > 0
         }
 
 

@@ -229,8 +229,9 @@ def score_blind(
     test: Sequence[Trajectory],
     settings: ProcessSettings | None = None,
 ) -> dict[str, Any]:
-    """One row of ``blind.csv``. Errors are those of the joint whose error after is largest against the true model's.
+    """One row of ``blind.csv``: what was named and confirmed, and the model without what was not.
 
+    Errors are those of the joint whose error after is largest against the true model's.
     The noise floor is compared with the true model's error on the training runs it was estimated from: the worst joint
     counts.
 
@@ -239,17 +240,18 @@ def score_blind(
     """
     runs = [process(t, robot, settings or ProcessSettings()) for t in test]
     own = [process(t, robot, settings or ProcessSettings()) for t in train]
-    hidden, named = _pairs(truth["effects"]), _pairs(diagnosis["effects"])
+    confirmed = [e for e in diagnosis["effects"] if e["confirmed"]]
+    hidden, named = _pairs(truth["effects"]), _pairs(confirmed)
     # Counted: a joint may have two harmonics.
     right = Counter(hidden) <= Counter(named)
     clean = Counter(named) <= Counter(hidden)
     unknown = truth.get("unknown_forms", [])
-    listed = {n for e in diagnosis["effects"] for a in e["indistinguishable_from"] for n in _pairs(a["effects"])}
+    listed = {n for e in confirmed for a in e["indistinguishable_from"] for n in _pairs(a["effects"])}
     model = true_model(robot, truth)
     exact, exact_all = moving_rms(model, runs), np.array(errors_of(model, runs)["rmse"])
-    after = np.array(diagnosis["error_moving"]["test"]["after"]["rmse"])
+    after = np.array(diagnosis["error_moving"]["test"]["after_confirmed"]["rmse"])
     before = np.array(diagnosis["error_moving"]["test"]["before"]["rmse"])
-    after_all = np.array(diagnosis["error"]["test"]["after"]["rmse"])
+    after_all = np.array(diagnosis["error"]["test"]["after_confirmed"]["rmse"])
     floor = np.array(diagnosis["noise_floor"])
     ratio = floor / np.maximum(moving_rms(model, own), 1e-12)
     if unknown:  # no model of ours is the true one: the noise alone is what it would leave
@@ -299,7 +301,7 @@ def parameter_errors(
     for entry in truth["effects"]:
         true = effect_from_json(entry)
         kind = family(true.effect)
-        named = [effect_from_json(e) for e in diagnosis["effects"]]
+        named = [effect_from_json(e) for e in diagnosis["effects"] if e["confirmed"]]
         alike = [e for e in named if (e.effect, e.joints) == (true.effect, true.joints)]
         # Of two harmonics of one joint the nearer one is meant.
         out.append(min(max(kind.parameter_error(true, found, robot, motions).values()) for found in alike))

@@ -20,6 +20,8 @@ UR10E_MASS, MASS_SHARE = 2.805, 0.15
 AGREEMENT = 0.03
 #: Relative RMSE on the held-out part, joints 2 to 6.
 LOAD_BOUNDS = {"load_14harm": (0.05, 0.065, 0.15, 0.13, 0.08), "load_15harm": (0.075, 0.08, 0.15, 0.29, 0.36)}
+#: Verdicts that say that nothing is left to find.
+ALL_CLEAR = ("explained", "nothing_missing")
 #: Shares of hidden effects named right and nothing else, by their number; errors of parameters and of the model.
 NAMED_SHARES = {1: 0.97, 2: 0.92, 0: 1.0}
 #: A share is shown where its interval ends no more than this below it.
@@ -88,6 +90,15 @@ def blind_checks(cases: pd.DataFrame) -> Iterator[Check]:
     if not len(cases):
         return
     title = f"hidden effects ({', '.join(sorted(set(cases['robot'])))})"
+    strange = cases["unknown_forms"].fillna("").astype(str) != ""
+    if strange.any():
+        # No effect of the catalogue is right there, and no model of ours the true one.
+        honest = ~cases.loc[strange, "verdict"].isin(ALL_CLEAR)
+        claim = "A law that the catalogue does not have is hidden: no all-clear"
+        yield Check(title, claim, *_counted(int(honest.sum()), len(honest), 1.0), len(honest))
+    cases = cases[~strange]
+    if not len(cases):
+        return
     right = (cases["named_right"].astype(str).str.lower() == "true") & (
         cases["nothing_wrong_named"].astype(str).str.lower() == "true"
     )
