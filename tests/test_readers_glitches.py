@@ -56,6 +56,7 @@ def test_absurd_and_missing_values_are_left_out_with_their_number_times_and_size
     lines = told(found, ("a", "b", "c"), len(tau))
     assert len(lines) == 1
     assert "4 samples of tau (a 1, b 1, c 2; of 5000 each) stand alone, at 2, 4, 6, 6.002 s" in lines[0]
+    assert told(found[:1], ("a", "b", "c"), len(tau))[0].startswith("1 sample of tau (a 1; of 5000 each) stands alone")
 
 
 def test_friction_reversals_contacts_and_noise_stay_as_they_are():

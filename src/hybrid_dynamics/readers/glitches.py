@@ -170,8 +170,10 @@ def told(found: Sequence[Glitches], joint_names: Sequence[str], samples: int) ->
         sizes = np.concatenate([g.sizes for g in own])
         largest = f"{sizes.max():.3g} {units[signal]}" if np.isfinite(sizes).all() else "not finite"
         each = ", ".join(f"{joint_names[g.joint]} {len(g.rows)}" for g in own)
+        what = f"1 sample of {signal}" if count == 1 else f"{count} samples of {signal}"
+        alone = "stands" if count == 1 else "stand"
         out.append(
-            f"{count} samples of {signal} ({each}; of {samples} each) stand alone, at {when} s, the largest departs by "
+            f"{what} ({each}; of {samples} each) {alone} alone, at {when} s, the largest departs by "
             f"{largest}: no motion or torque of a robot; left out (interpolated)"
         )
     return out
