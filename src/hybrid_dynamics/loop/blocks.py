@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.types import Array
 
 Indices = NDArray[np.int_]
 
@@ -87,6 +88,12 @@ def folds_of(runs: Sequence[Run], settings: LoopSettings) -> Folds:
             bounds.append((int(low), int(high)))
             fold.append(k * folds // per_run if single else r)
     return Folds(Blocks(np.array(owner), tuple(bounds)), folds, np.array(fold))
+
+
+def block_starts(time: Array, block: float) -> Indices:
+    """First rows of blocks of about ``block`` [s] of a run with the stamps ``time`` (K,), two at least."""
+    count = max(round(float(time[-1] - time[0]) / block), 2)
+    return np.linspace(0, len(time), count + 1).round().astype(int)[:-1]
 
 
 def folds_by_time(blocks: Blocks, number: int) -> Folds:

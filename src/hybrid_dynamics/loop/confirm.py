@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.loop.blocks import block_starts
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.model import Model
@@ -42,10 +43,7 @@ def test_change(judge: Judge, tests: Sequence[Run], full: Model, without: Model)
         new, old = ((run.tau - predict_run(m, run)) * run.mask for m in (full, without))
         before += np.sum(old**2, axis=0)
         after += np.sum(new**2, axis=0)
-        length = float(run.time[-1] - run.time[0])
-        blocks = max(round(length / judge.settings.block), 2)
-        edges = np.linspace(0, len(run.time), blocks + 1).round().astype(int)[:-1]
-        cross = np.add.reduceat(((old - new) * new) @ weights, edges)
+        cross = np.add.reduceat(((old - new) * new) @ weights, block_starts(run.time, judge.settings.block))
         sums.append(cross)
         owner.append(np.full(len(cross), r))
     error, blocks = block_error(np.concatenate(sums), np.concatenate(owner))

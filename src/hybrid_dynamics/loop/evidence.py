@@ -72,6 +72,11 @@ class Evidence:
         m = run.motion
         return model.predict(m.q, m.dq, m.ddq, m.time)
 
+    @property
+    def base_torque(self) -> list[Array]:
+        """Smoothed torque (K, n) [N m] of the starting model in every run."""
+        return [run.tau - left for run, left in zip(self.runs, self.base_target, strict=True)]
+
     # -- building ---------------------------------------------------------------------------------------------------
     def fold_by_run(self) -> None:
         """The folds of the beginning again."""
@@ -288,7 +293,7 @@ class Evidence:
             return 0.0
         if layout not in self._multiples:
             make_room(self._multiples)
-            own = [tau - left for tau, left in zip((run.tau for run in self.runs), self.base_target, strict=True)]
+            own = self.base_torque
             weighted = [m * self.weights * o for m, o in zip(self.mask, own, strict=True)]
             size = max(sum(float(np.sum(w * o)) for w, o in zip(weighted, own, strict=True)), 1e-300)
             along = self.columns.project(layout, links, weighted) / size

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.state import Equivalence
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
@@ -77,11 +78,7 @@ def indistinguishable(
             known = next(e for e in term.family().equivalent_to if e.effects == (twin.effect,))
             listed.insert(
                 0,
-                {
-                    "effects": [{"effect": twin.effect, "joints": [] if twin.joint is None else [names[twin.joint]]}],
-                    "why": f"structurally the same: {known.why}",
-                    "motion_that_would_tell": f"{known.remedy[0].upper()}{known.remedy[1:]}.",
-                },
+                _as_declared(evidence, twin.effect, twin.joint, f"structurally the same: {known.why}", known),
             )
         out[term] = listed
     return out
@@ -102,13 +99,18 @@ def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
             evidence.add_terms(offered)
             full, rest = evidence.held(terms, physical=True), [t for t in terms if t not in together]
             if any(judge.as_good(evidence.held([*rest, c], physical=True), full) for c in offered):
-                entry = {
-                    "effects": [{"effect": name, "joints": [evidence.robot.joint_names[term.index]]}],
-                    "why": f"in the place of {' and '.join(known.effects)}: {known.why}",
-                    "motion_that_would_tell": f"{known.remedy[0].upper()}{known.remedy[1:]}.",
-                }
-                out.append(entry)
+                why = f"in the place of {' and '.join(known.effects)}: {known.why}"
+                out.append(_as_declared(evidence, name, term.joint, why, known))
     return out
+
+
+def _as_declared(evidence: Evidence, name: str, joint: int | None, why: str, known: Equivalence) -> dict[str, Any]:
+    """The entry of an alternative that a family declares itself, with the remedy that it gives."""
+    return {
+        "effects": [{"effect": name, "joints": [] if joint is None else [evidence.robot.joint_names[joint]]}],
+        "why": why,
+        "motion_that_would_tell": f"{known.remedy[0].upper()}{known.remedy[1:]}.",
+    }
 
 
 def motion_that_would_tell(term: Term, others: Sequence[Term], same: bool) -> str:

@@ -62,11 +62,10 @@ def _one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term], x: 
         if term in links:
             only[start : start + term.size] = x[start : start + term.size]
     product, own, whole = (np.zeros(evidence.n) for _ in range(3))
-    for r, change in enumerate(evidence.linear(chosen, only)):
-        start_torque = evidence.runs[r].tau - evidence.base_target[r]
-        product += np.sum(evidence.mask[r] * change * start_torque, axis=0)
-        own += np.sum(evidence.mask[r] * start_torque**2, axis=0)
-        whole += np.sum(evidence.mask[r] * change**2, axis=0)
+    for mask, torque, change in zip(evidence.mask, evidence.base_torque, evidence.linear(chosen, only), strict=True):
+        product += np.sum(mask * change * torque, axis=0)
+        own += np.sum(mask * torque**2, axis=0)
+        whole += np.sum(mask * change**2, axis=0)
     weights = evidence.weights
     factor = float(product @ weights) / max(float(own @ weights), 1e-300)
     share = factor**2 * float(own @ weights) / max(float(whole @ weights), 1e-300)

@@ -40,7 +40,8 @@ def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array
             parts[b][np.ix_(new, position)] += cross.T
             parts[b][p:, p:] += evidence.weights[j] * own.T @ own
             scores[b, p:] += evidence.weights[j] * own.T @ residuals[r][low:high, j][counted]
-    normal[:, p:], normal[p:, :p] = parts.sum(axis=0)[:, p:], parts.sum(axis=0)[p:, :p]
+    summed = parts.sum(axis=0)
+    normal[:, p:], normal[p:, :p] = summed[:, p:], summed[p:, :p]
     return covariance_of(normal, parts, scores, evidence.blocks.run)
 
 

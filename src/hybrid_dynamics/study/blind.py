@@ -298,10 +298,10 @@ def parameter_errors(
     """Relative error of every hidden effect: the largest of its parameters, see :meth:`Family.parameter_error`."""
     out = []
     motions = [run.motion for run in runs]
+    named = [effect_from_json(e) for e in diagnosis["effects"] if e["confirmed"]]
     for entry in truth["effects"]:
         true = effect_from_json(entry)
         kind = family(true.effect)
-        named = [effect_from_json(e) for e in diagnosis["effects"] if e["confirmed"]]
         alike = [e for e in named if (e.effect, e.joints) == (true.effect, true.joints)]
         # Of two harmonics of one joint the nearer one is meant.
         out.append(min(max(kind.parameter_error(true, found, robot, motions).values()) for found in alike))

@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 import pandas as pd
 
+from hybrid_dynamics.study.park.tables import AGAINST
 from hybrid_dynamics.study.results import Check
 from hybrid_dynamics.trajectory import RECORDED
-
-AGAINST = "against_least_squares"
 
 
 def park_checks(rows: pd.DataFrame) -> Iterator[Check]:

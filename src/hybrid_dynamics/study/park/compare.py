@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
+from hybrid_dynamics.loop.blocks import block_starts
 from hybrid_dynamics.loop.trace import block_error
 from hybrid_dynamics.types import Array
 
@@ -50,9 +51,7 @@ def _compare(
     least = one if squares[0] <= squares[1] else other
     sums, owner = [], []
     for r, (new, old, left, time) in enumerate(zip(one, other, least, times, strict=True)):
-        count = max(round(float(time[-1] - time[0]) / block), 2)
-        edges = np.linspace(0, len(time), count + 1).round().astype(int)[:-1]
-        sums.append(np.add.reduceat(np.sum((old - new) * left, axis=1), edges))
+        sums.append(np.add.reduceat(np.sum((old - new) * left, axis=1), block_starts(time, block)))
         owner.append(np.full(len(sums[-1]), r))
     spread, blocks = block_error(np.concatenate(sums), np.concatenate(owner))
     size = max(squares[1], 1e-300)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+#: Where the loop stands beside least squares: the first part of those columns' names.
+AGAINST = "against_least_squares"
+
 #: ``reports/park.csv``: one row per recorded arm and joint. ``explained_share`` = (rigid² - loop²) / (rigid² - best²),
 #: best the smallest of floor, least squares and black box; ``_low`` and ``_high`` with the two ends of the floor.
 #: ``black_box``: boosted trees on top of the loop's model, trained on the training runs. ``named``: effects on the

@@ -15,13 +15,13 @@ from hybrid_dynamics.loop_report.html import Cell, badge, details, escape, key, 
 from hybrid_dynamics.loop_report.words import plain, title_of
 from hybrid_dynamics.study.intervals import counted
 from hybrid_dynamics.study.layout import DatasetFiles
+from hybrid_dynamics.study.park.tables import AGAINST
 from hybrid_dynamics.study.results import Section, read_csv
 from hybrid_dynamics.trajectory import RECORDED
 
 MODELS = ("rigid_body", "least_squares", "loop", "black_box")
 ERRORS = (*MODELS, "floor")
 PARK_COLUMNS = ("dataset", "joint", *ERRORS, "explained_share", "named")
-AGAINST = "against_least_squares"
 #: What the comparison with least squares says, in the page's words and its colour.
 VERDICTS = {
     "better": ("met", "better"),
