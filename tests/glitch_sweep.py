@@ -82,7 +82,7 @@ def closed(train: Sequence[Trajectory], test: Sequence[Trajectory]) -> Diagnosis
 
 def told(found: Diagnosis, signal: str) -> int:
     """How many samples of ``signal`` the diagnosis says it left out."""
-    return sum(int(n) for note in found.notes for n in re.findall(rf"(\d+) samples of {signal} \(", note))
+    return sum(int(n) for note in found.notes for n in re.findall(rf"(\d+) samples? of {signal} \(", note))
 
 
 def outcome(case: Case, clean: Diagnosis) -> dict[str, object]:
