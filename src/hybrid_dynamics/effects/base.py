@@ -55,6 +55,18 @@ class Term:
     joint: int | None = None
     settings: Settings = ()
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[type[Term], tuple[Any, ...]]:
+        # What is kept beside the fields holds for this process only: the hash of a string changes.
+        return Term, (self.effect, self.joint, self.settings)
+
+    @cached_property
+    def _hash(self) -> int:
+        # Searches look terms up by the million.
+        return hash((self.effect, self.joint, self.settings))
+
     def family(self) -> Family:
         """The catalogue's entry."""
         return family(self.effect)
@@ -66,7 +78,7 @@ class Term:
             raise InputError(f"effect {self.effect} acts on the whole robot; it has no joint")
         return self.joint
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of coordinates."""
         return self.family().size_of(self)
@@ -189,6 +201,8 @@ class Family(ABC):
     viscous_powers: ClassVar[tuple[int, ...]] = ()
     #: True where the torque follows sign(dq); how that turns over is a setting (see ``effects/sign.py``).
     turns_sign: ClassVar[bool] = False
+    #: True where the coordinates lie on a surface (:meth:`surface`).
+    on_surface: ClassVar[bool] = False
     #: True where the effect changes the rigid body.
     changes_body: ClassVar[bool] = False
     #: True where the columns are constants times ``Motion.regressor``: smoothed once, it serves all such effects.
@@ -219,9 +233,9 @@ class Family(ABC):
         """Terms suggested by what a model leaves: ``residuals`` (T, n) [N m], one for each of ``motions`` (runs)."""
         return []
 
-    def surface(self, x: Array, robot: Robot, term: Term) -> tuple[Array, float] | None:
-        """Tangent plane ``normal @ y = value``, near ``x``, of the surface that coordinates lie on; None: anywhere."""
-        return None
+    def surface(self, x: Array, robot: Robot, term: Term) -> tuple[Array, float]:
+        """Tangent plane ``normal @ y = value``, near ``x``, of the surface that coordinates lie on."""
+        raise InputError(f"effect {self.name}: its coordinates lie on no surface")
 
     def is_wide(self, term: Term) -> bool:
         """True where ``term`` shows in several joints' torques: only looked for with every joint's own effects in."""

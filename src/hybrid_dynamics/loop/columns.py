@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Motion, Term
+from hybrid_dynamics.effects.acting import delayed
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.layout import Layout, make_room
 from hybrid_dynamics.loop.model import Model
@@ -149,7 +150,12 @@ class Columns:
         for run in self.runs:
             model, m = model_in(self.base, effects, run), run.motion
             load = model.completed_robot.inverse_dynamics(m.q, m.dq, m.ddq)
-            given = model.without_readings().predict(m.q, m.dq, m.ddq, m.time) if torque else None
+            given = None
+            if torque:
+                # As late as it is recorded: noise of the motion stands in the column and in what is left, and at
+                # different instants it would pull the delay towards none.
+                own = model.without_readings().predict(m.q, m.dq, m.ddq, m.time)
+                given = delayed(own, m.time, model.readings.delay)
             motions.append(replace(m, given_load=load, given_torque=given))
         changed: dict[int, list[int]] = {}
         for term in terms:

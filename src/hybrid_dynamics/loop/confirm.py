@@ -37,18 +37,18 @@ class TestChange:
 def test_change(judge: Judge, tests: Sequence[Run], full: Model, without: Model) -> TestChange:
     """Compare two models on ``tests``, over rows in which the joint moves, weighted as the fit was."""
     weights = judge.evidence.weights
+    residuals = [tuple((run.tau - predict_run(m, run)) * run.mask for m in (full, without)) for run in tests]
+    after, before = (np.sum([np.sum(pair[k] ** 2, axis=0) for pair in residuals], axis=0) for k in (0, 1))
+    change, size = float((after - before) @ weights), max(float(before @ weights), 1e-300)
+    # Noise is what the better of the two leaves; the other also leaves its error, which would drown itself.
+    better = 0 if change < 0 else 1
     sums, owner = [], []
-    before, after = np.zeros(len(weights)), np.zeros(len(weights))
-    for r, run in enumerate(tests):
-        new, old = ((run.tau - predict_run(m, run)) * run.mask for m in (full, without))
-        before += np.sum(old**2, axis=0)
-        after += np.sum(new**2, axis=0)
-        cross = np.add.reduceat(((old - new) * new) @ weights, block_starts(run.time, judge.settings.block))
-        sums.append(cross)
-        owner.append(np.full(len(cross), r))
+    for r, (run, pair) in enumerate(zip(tests, residuals, strict=True)):
+        product = ((pair[1] - pair[0]) * pair[better]) @ weights
+        sums.append(np.add.reduceat(product, block_starts(run.time, judge.settings.block)))
+        owner.append(np.full(len(sums[-1]), r))
     error, blocks = block_error(np.concatenate(sums), np.concatenate(owner))
-    size = max(float(before @ weights), 1e-300)
-    change, spread = float((after - before) @ weights), 2.0 * error
+    spread = 2.0 * error
     level = float(student.ppf(1.0 - judge.settings.confirmation, max(blocks - 1, 1)))
     return TestChange(
         change / size,

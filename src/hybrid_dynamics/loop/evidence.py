@@ -317,17 +317,11 @@ class Evidence:
     def _solved(self, layout: Layout, a: Array, b: Array, constraints: Constraints, physical: bool) -> Array:
         """Coordinates under ``constraints``; those that must lie on a surface are held to its tangent plane, twice."""
         x = solve(a, b, constraints) if physical else solve_bounded(a, b, constraints.lower)
-        for _ in range(2):
-            planes = [
-                (start, plane)
-                for term, start in zip(layout.terms, layout.starts, strict=True)
-                if (plane := term.family().surface(x[start : start + term.size], self.robot, term)) is not None
-            ]
-            if not planes:
-                break
+        for _ in range(2 if layout.on_surfaces else 0):
             stiff, target = a.copy(), b.copy()
-            for start, (normal, value) in planes:
-                own = slice(start, start + len(normal))
+            for term, start in layout.on_surfaces:
+                own = slice(start, start + term.size)
+                normal, value = term.family().surface(x[own], self.robot, term)
                 weight = STIFF * float(np.diag(a)[own].max())
                 stiff[own, own] += weight * np.outer(normal, normal)
                 target[own] += weight * value * normal

@@ -96,7 +96,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     refit(evidence, chosen)
     chosen, common, weak = keep_sure(judge, _drop_guesses(judge, chosen), looked, report)
     chosen = gain_for_links(judge, without_noise(judge, complete(judge, chosen, candidates, common)))
-    chosen = choose_signs(judge, chosen)
+    chosen = without_noise(judge, choose_signs(judge, chosen))
     return Found(chosen, refit(evidence, chosen), [], [*steps, *weak], [], judge)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,12 @@ class Layout:
     terms: tuple[Term, ...]
     starts: tuple[int, ...]
     total: int
+
+    @cached_property
+    def on_surfaces(self) -> tuple[tuple[Term, int], ...]:
+        """Terms, and where they begin, whose coordinates lie on a surface."""
+        pairs = zip(self.terms, self.starts, strict=True)
+        return tuple((term, start) for term, start in pairs if term.family().on_surface)
 
     @classmethod
     def of(cls, terms: Sequence[Term]) -> Layout:

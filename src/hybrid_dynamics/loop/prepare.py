@@ -110,10 +110,12 @@ def candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -
     """Places effects could take; friction that ``base`` has already changes by its amount, not by its width."""
     robot, options = base.completed_robot, settings.options
     terms = [s for name in settings.families for s in family(name).terms(robot, moving, options)]
-    # What couples joints hides behind their own friction: it is looked for from the beginning, as bodies are.
+    # What couples joints hides behind their own friction, and so does a late torque: both are looked for from the
+    # beginning, as bodies are.
     for name in settings.further:
-        if family(name).scope == "joint":
-            terms += [s for s in family(name).terms(robot, moving, options) if family(name).is_wide(s)]
+        kind = family(name)
+        if kind.scope == "joint" or kind.changes_reading:
+            terms += [s for s in kind.terms(robot, moving, options) if kind.is_wide(s)]
     own = [effect.term(base.robot) for effect in base.effects]
     own = [s for s in dict.fromkeys(own) if s.family().scope == "joint" and s.joint is not None and moving[s.joint]]
     return [

@@ -117,10 +117,11 @@ def keep_sure(
     evidence = judge.evidence
     kept = list(current)
     steps: list[Step] = []
-    noise = evidence.held(current, physical=True)
     own = judge.level(evidence.n, len(evidence.blocks))
     common = _common(judge, current, losses(judge, current), looked)
     while True:
+        # Anew: where a law is not linear a drop moves what the linear problem stands for.
+        noise = evidence.held(current, physical=True)
         gains, full = losses(judge, kept, noise), evidence.held(kept, physical=True)
         sizes, forced = in_errors(judge, kept, evidence.fit(kept)), _forced(judge, kept)
         weak = []
@@ -147,30 +148,44 @@ def keep_sure(
 def complete(
     judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], common: Collection[str] = ()
 ) -> list[Term]:
-    """``chosen`` with common families (``common``, and what sits on most joints) on their other joints too, where the
-    data says so.
+    """``chosen`` with plain friction, offset and armature where they are expected and the data says so.
 
-    Such a family is one cause: on each other joint its parameter must exceed its own standard error at the level of n
-    questions, and held-out runs must not speak against it. In short runs a held-out part may hold motions that the
+    A common family (``common``, and what sits on most joints) is one cause: on each other joint its parameter must
+    exceed its own standard error at the level of n questions. Where a body of the model acts, each plain family is
+    asked at the level of all these places: what is left out there is taken up by the body, which then predicts other
+    poses wrongly. Held-out runs must not speak against it; in short runs a held-out part may hold motions that the
     rest does not know, so a gain there is much to ask of a name that is expected.
     """
     evidence = judge.evidence
     out = list(chosen)
     moving = [int(j) for j in np.flatnonzero(evidence.samples >= FEWEST_ROWS)]
+    plain = sorted({t.effect for t in evidence.columns.terms if t.family().everywhere})
+    bodies = [t for t in out if t.family().changes_body]
+    loaded = {j for j in moving if any(evidence.acts(t)[j] for t in bodies)}
+    out = _with_sure(judge, out, candidates, [(n, j) for n in plain for j in moving if j in loaded])
     sits = Counter(s.effect for s in out if s.joint is not None and s.family().everywhere)
     for name in sorted(_on_most(sits, len(moving)) | set(common)):
-        for joint in moving:
-            offered = [c for c in candidates if c.effect == name and c.joint == joint]
-            if not offered or has_family(out, name, joint):
-                continue
-            trials = [[*out, c] for c in offered]
-            best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[-1])))
-            x = evidence.fit(best)
-            spread = float(np.sqrt(max(covariance_with_settings(evidence, best, x)[len(x) - 1, len(x) - 1], 0.0)))
-            gain = judge.gain(evidence.held(best, physical=True), evidence.held(out, physical=True))
-            if abs(x[-1]) > judge.level(evidence.n, gain.blocks) * spread and gain.total > -gain.error:
-                out = best
+        out = _with_sure(judge, out, candidates, [(name, j) for j in moving])
     refit(evidence, out)
+    return out
+
+
+def _with_sure(
+    judge: Judge, chosen: list[Term], candidates: Sequence[Term], places: Sequence[tuple[str, int]]
+) -> list[Term]:
+    """``chosen`` with those of ``places`` (family, joint) whose coefficient is sure at the level of so many."""
+    evidence, out = judge.evidence, chosen
+    for name, joint in places:
+        offered = [c for c in candidates if c.effect == name and c.joint == joint]
+        if not offered or has_family(out, name, joint):
+            continue
+        trials = [[*out, c] for c in offered]
+        best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[-1])))
+        x = evidence.fit(best)
+        spread = float(np.sqrt(max(covariance_with_settings(evidence, best, x)[len(x) - 1, len(x) - 1], 0.0)))
+        gain = judge.gain(evidence.held(best, physical=True), evidence.held(out, physical=True))
+        if abs(x[-1]) > judge.level(len(places), gain.blocks) * spread and gain.total > -gain.error:
+            out = best
     return out
 
 

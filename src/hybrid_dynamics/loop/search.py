@@ -234,12 +234,16 @@ def _replace(
 def _rivals(
     likeness: Mapping[Term, Likeness], group: Sequence[Term], rest: Sequence[Term], candidates: Sequence[Term]
 ) -> list[Term]:
-    """Of ``candidates`` those that can make most of the torque of one of ``group``, the likest of each place."""
+    """Of ``candidates`` those that can make most of the torque of one of ``group``, the likest of each place.
+
+    What the whole robot reads wrongly shows in every joint's torque, so it need not be like any one effect.
+    """
     likest: dict[tuple[Any, ...], tuple[float, Term]] = {}
     for term in candidates:
         if any(same_place(term, s) for s in (*rest, *group)) or any(covers(s, term) for s in rest):
             continue
-        share = max(likeness[s].share(term) for s in group)
+        reading = term.joint is None and term.family().changes_reading
+        share = 1.0 if reading else max(likeness[s].share(term) for s in group)
         if share >= LIKENESS_OF_RIVAL and share > likest.get(term.place, (0.0, term))[0]:
             likest[term.place] = share, term
     order = sorted(likest.values(), key=lambda item: (-item[0], repr(item[1])))

@@ -143,7 +143,14 @@ def _upper_triangle(a: Array) -> csc_matrix:
     """What is not zero in the upper triangle of the symmetric ``a``, column by column."""
     rows, columns = np.nonzero(np.tril(a.T))
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(a)))])
-    return csc_matrix((a[columns, rows], columns, starts), shape=a.shape)
+    return _sparse(a[columns, rows], columns, starts, (len(a), len(a)))
+
+
+def _sparse(data: Array, indices: Any, starts: Any, shape: tuple[int, int]) -> csc_matrix:
+    """Columns one behind the other, without the checks of the constructor, which take longer than a small solve."""
+    out = csc_matrix(shape)
+    out.data, out.indices, out.indptr = data, indices, starts
+    return out
 
 
 def _solve_cones(a: Array, b: Array, constraints: Constraints, farthest: float) -> Array | None:
@@ -172,7 +179,7 @@ def _solve_cones(a: Array, b: Array, constraints: Constraints, farthest: float) 
     solver = clarabel.DefaultSolver(
         _upper_triangle(a * unit[:, None] * unit),
         -b * unit / size,
-        csc_matrix((-data / length[rows.indices], rows.indices, rows.indptr), shape=rows.shape),
+        _sparse(-data / length[rows.indices], rows.indices, rows.indptr, (rows.shape[0], rows.shape[1])),
         -stacked.limit / length,
         list(stacked.cones),
         settings,
