@@ -35,8 +35,7 @@ def test_entries_sums_and_the_last_column_are_those_of_the_dense_matrices(dense)
 def test_columns_come_before_the_last_and_leave_the_others_where_they_are(dense):
     kept = [0, 1, 2, 3, 6]
     packed = BlockGrams.of(dense[:, kept][:, :, kept]).grown(SIZE)
-    for b in range(BLOCKS):
-        packed.put(b, np.array([4, 5]), dense[b][[4, 5]])
+    packed.put(np.array([4, 5]), dense[:, [4, 5]])
     assert packed.size == SIZE
     np.testing.assert_array_equal(packed.last, dense[:, :, -1])
     np.testing.assert_allclose(packed.total(), dense.sum(axis=0), rtol=1e-14)

@@ -90,14 +90,14 @@ def test_a_refit_from_the_tangent_of_another_model_still_lowers_the_error(panda:
     judge, terms, _ = gather(Model(panda), logs, settings)
     evidence = judge.evidence
     chosen = [Term("torque_gain", 1), *(t for t in terms if t.effect == "coulomb_friction" and not t.settings)]
-    bare = evidence.squared_error((), np.zeros(0), evidence.base_target)
+    bare = evidence.squared_error(evidence.base_target)
     # As a search leaves it that has just looked at something far away.
     far = [Effect("torque_gain", (panda.joint_names[1],), {"gain": 40.0})]
     evidence.renew(far, [chosen[0]])
-    evidence.relinearise(far, [chosen[0]], np.array([39.0]))
+    evidence.relinearise(evidence.exact(far), [chosen[0]], np.array([39.0]))
     x = refit(evidence, chosen)
     assert x[0] == pytest.approx(0.2, rel=0.02)
-    assert evidence.squared_error(chosen, x) < 0.5 * bare
+    assert evidence.squared_error(evidence.residuals(chosen, x)) < 0.5 * bare
 
 
 def test_a_refused_change_that_takes_the_place_of_another_is_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,8 @@ from hybrid_dynamics.types import Array
 
 #: A Gauss-Newton step is halved so often at most, and the last where the error falls by no more than this share.
 HALVINGS, SETTLED = 6, 1e-6
+#: A step that lowers the error by this multiple of what its tangent promised is tried at twice the length.
+UNDERSTATED = 1.3
 
 
 def effects_of(evidence: Evidence, terms: Sequence[Term], x: Array, covariance: Array | None = None) -> list[Effect]:
@@ -75,39 +77,53 @@ def _descend(evidence: Evidence, terms: Sequence[Term], own: Sequence[Term], x: 
     The linear problem is left exact at the coordinates that are returned.
     """
 
-    def exact(x: Array) -> float:
-        effects = effects_of(evidence, terms, x)
+    def exact(x: Array) -> tuple[list[Array], float]:
         # Far from where a law means something numbers run over: that is a large error, not a fault.
         with np.errstate(over="ignore", invalid="ignore"):
-            evidence.renew(effects, own)
-            evidence.relinearise(effects, terms, x)
-            error = evidence.squared_error(terms, x)
-        return error if np.isfinite(error) else np.inf
+            left = evidence.exact(effects_of(evidence, terms, x))
+            error = evidence.squared_error(left)
+        return left, error if np.isfinite(error) else np.inf
 
-    start = evidence.squared_error((), np.zeros(0), evidence.base_target)
-    best, error = x, exact(x)
+    def stand(x: Array, left: list[Array]) -> None:
+        evidence.renew(effects_of(evidence, terms, x), own)
+        evidence.relinearise(left, terms, x)
+
+    start = evidence.squared_error(evidence.base_target)
+    best = x
+    left, error = exact(best)
     if error > start:
         # The tangent was that of another model: once more from the model without these effects.
         evidence.reset()
         evidence.renew([], own)
         best = evidence.fit(terms)
         for _ in range(2 * HALVINGS):
-            error = exact(best)
+            left, error = exact(best)
             if error <= start:
                 break
             best = best / 2
+        else:
+            left, error = exact(best)
+    stand(best, left)
     for _ in range(rounds):
         step = evidence.fit(terms) - best
+        promised = error - evidence.squared_error(evidence.residuals(terms, best + step))
         for _ in range(HALVINGS):
-            trial = exact(best + step)
+            left, trial = exact(best + step)
             if trial <= error:
                 break
             step = step / 2
         else:
-            exact(best)
             break
+        # Noise of the motion makes a column (a delay's above all) larger than what it is the derivative of, and steps
+        # too short.
+        while error - trial > UNDERSTATED * promised:
+            longer = exact(best + 2 * step)
+            if not longer[1] < trial:
+                break
+            step, (left, trial) = 2 * step, longer
         settled = trial > (1 - SETTLED) * error
         best, error = best + step, trial
+        stand(best, left)
         if settled:
             break
     return best

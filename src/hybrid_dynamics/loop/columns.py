@@ -146,10 +146,11 @@ class Columns:
         if not terms:
             return {}
         torque = any(s.family().uses_torque for s in terms)
+        loaded = any(s.family().uses_load for s in terms)
         motions = []
         for run in self.runs:
             model, m = model_in(self.base, effects, run), run.motion
-            load = model.completed_robot.inverse_dynamics(m.q, m.dq, m.ddq)
+            load = model.completed_robot.inverse_dynamics(m.q, m.dq, m.ddq) if loaded else None
             given = None
             if torque:
                 # As late as it is recorded: noise of the motion stands in the column and in what is left, and at
@@ -170,12 +171,11 @@ class Columns:
     def linear(self, layout: Layout, x: Array) -> list[Array]:
         """Columns times coordinates: torque (K, n) [N m] in every run."""
         out = [np.zeros((len(run.time), self.n)) for run in self.runs]
-        for term, start in zip(layout.terms, layout.starts, strict=True):
-            own = x[start : start + term.size]
-            for j, where in enumerate(self._where[term]):
-                if where is not None:
-                    for r in range(len(self.runs)):
-                        out[r][:, j] += self.rows[r][j][:, where] @ own
+        for j, (position, column) in enumerate(self.indices(layout)):
+            # Two terms may share a column: what they ask of it adds up.
+            weight = np.bincount(column, x[position], minlength=self.size(j))
+            for part, rows in zip(out, self.rows, strict=True):
+                part[:, j] = rows[j] @ weight
         return out
 
     def project(self, layout: Layout, terms: Sequence[Term], torque: Sequence[Array]) -> Array:

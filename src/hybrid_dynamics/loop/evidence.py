@@ -141,9 +141,14 @@ class Evidence:
 
     def _multiply(self, j: int, columns: Indices) -> None:
         """Renew the products of ``columns`` of joint ``j`` with all its columns and the target."""
-        for b in range(len(self.blocks.rows)):
-            rows = self._counted(j, b)
-            self.gram[j].put(b, columns, rows[:, columns].T @ rows)
+        rows = [run[j] for run in self.columns.rows]
+        counted = [np.where(mask[:, [j]], own[:, columns], 0.0) for mask, own in zip(self.mask, rows, strict=True)]
+        products = np.empty((len(self.blocks), len(columns), self.gram[j].size))
+        for b, (low, high) in enumerate(self.blocks.rows):
+            r = self.blocks.run[b]
+            own = counted[r][low:high].T
+            products[b, :, :-1], products[b, :, -1] = own @ rows[r][low:high], own @ self.target[r][low:high, j]
+        self.gram[j].put(columns, products)
 
     def _retarget(self) -> None:
         """Renew what depends on the target in the Gram matrices."""
@@ -196,13 +201,18 @@ class Evidence:
         self.weights = np.where(seen, 1.0 / np.where(seen, floor, 1.0) ** 2, 0.0)
         self._cache, self._multiples = {}, {}
 
-    def relinearise(self, effects: Sequence[Effect], terms: Sequence[Term], x: Array) -> None:
-        """Make the linear problem exact at ``x``: target = tau - exact(x) + columns x (Gauss-Newton, fixed columns)."""
-        linear = self.linear(terms, x)
+    def exact(self, effects: Sequence[Effect]) -> list[Array]:
+        """Torque (K, n) [N m] of every run that the starting model with ``effects``, laws as they are, leaves."""
+        models = [model_in(self.base, effects, run) for run in self.runs]
+        return [run.tau - run.smooth(self.predict_fine(m, run)) for m, run in zip(models, self.runs, strict=True)]
+
+    def relinearise(self, left: Sequence[Array], terms: Sequence[Term], x: Array) -> None:
+        """Make the linear problem exact at ``x``, where ``terms`` leave ``left``: target = left + columns x.
+
+        (Gauss-Newton with columns that stay.)
+        """
         self._moved = True
-        for r, run in enumerate(self.runs):
-            model = model_in(self.base, effects, run)
-            self.target[r] = run.tau - run.smooth(self.predict_fine(model, run)) + linear[r]
+        self.target = [own + part for own, part in zip(left, self.linear(terms, x), strict=True)]
         self._retarget()
 
     def reset(self) -> None:
@@ -221,12 +231,8 @@ class Evidence:
         """What ``terms`` at ``x`` leave of the target (K, n) [N m] in every run."""
         return [t - part for t, part in zip(self.target, self.linear(terms, x), strict=True)]
 
-    def squared_error(self, terms: Sequence[Term], x: Array, target: Sequence[Array] | None = None) -> float:
-        """Weighted squared residual sum of the training rows that count, in squared floors.
-
-        ``target`` (one (K, n) [N m] a run) stands for that of the linear problem.
-        """
-        left = self.residuals(terms, x) if target is None else target
+    def squared_error(self, left: Sequence[Array]) -> float:
+        """Weighted squared sum, in squared floors, of residuals ``left`` (K, n) [N m] of every run: rows that count."""
         sums = sum(np.sum(np.where(m, r, 0.0) ** 2, axis=0) for m, r in zip(self.mask, left, strict=True))
         return float(sums @ self.weights)
 

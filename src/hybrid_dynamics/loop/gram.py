@@ -50,10 +50,9 @@ class BlockGrams:
         """(blocks, size) products with the last column; a view."""
         return self.values[:, self.values.shape[1] - self.size :]
 
-    def put(self, block: int, columns: Indices, products: Array) -> None:
-        """Products (c, size) of ``columns`` (c,) with all columns in one block."""
-        other = np.arange(self.size)
-        self.values[block, _places(columns[:, None], other)] = products
+    def put(self, columns: Indices, products: Array) -> None:
+        """``products`` (blocks, c, size) of ``columns`` (c,) with all columns."""
+        self.values[:, _places(columns[:, None], np.arange(self.size))] = products
 
     def pick(self, rows: Indices, columns: Indices, blocks: Blocks = slice(None)) -> Array:
         """Entries (blocks, rows, columns)."""

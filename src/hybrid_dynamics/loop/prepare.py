@@ -94,8 +94,9 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     floor = np.where(seen, np.maximum(np.maximum(noise_floor(evidence), low), least), 0.0)
     evidence.weigh(floor)
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
-    # What rounding takes away follows the motion: a change within it is no news either.
-    misfit = np.maximum(misfit, logs.rounding)
+    # What rounding takes away follows the motion, up to half a step in a joint that hardly loads its sensor: a change
+    # within it is no news either.
+    misfit = np.maximum(misfit, logs.step / 2)
     return Judge(evidence, settings, floor, torque.var(axis=0), misfit, np.maximum(low, least)), terms, notes
 
 

@@ -61,7 +61,7 @@ def from_everything(judge: Judge, candidates: Sequence[Term], report: Callable[[
     current = better_settings(judge, current, candidates)
     while True:
         idle = _idle(judge, current, settings.keep_share)
-        if not idle or len(current) < 2:
+        if not idle:
             break
         # Half of what is not needed at once, as long as that costs nothing; else one after the other.
         full = evidence.held(current, physical=True)
@@ -70,8 +70,6 @@ def from_everything(judge: Judge, candidates: Sequence[Term], report: Callable[[
         if len(bunch) > 1 and not judge.as_good(evidence.held(rest, physical=True), full):
             bunch = bunch[:1]
             rest = [s for s in current if s not in bunch]
-        if not rest:
-            break
         current = rest
         refit(evidence, current)
         for term in bunch:

@@ -1,0 +1,117 @@
+"""Whose noise a decision is judged by: of a delay's column, of a law that has gone, of a body, of the test runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from tests.small_arm import arm
+
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.loop import LoopSettings, Model, augment, prune
+from hybrid_dynamics.loop import columns as columns_module
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.confirm import test_change as change_on_tests
+from hybrid_dynamics.loop.held import Held
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.prune import complete, keep_sure
+from hybrid_dynamics.loop.trace import Gain, Judge
+from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitations
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+
+
+def judged(effects: Sequence[Effect], **options: object) -> tuple[Judge, list[Term]]:
+    settings = LoopSettings()
+    train, test = excitations(ROBOT, effects, train=2, test=1, duration=8.0, rate=250.0, **options)  # type: ignore[arg-type]
+    judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, train, test, settings), settings)
+    return judge, terms
+
+
+def plain(effect: str, joint: int, terms: Sequence[Term]) -> Term:
+    return next(t for t in terms if t.effect == effect and t.joint == joint and not t.settings)
+
+
+def delay_found(robot: Robot, bits: int) -> float:
+    """Delay that a re-fit finds where a torque is 12 ms late and most noise is that of the encoder."""
+    late = [Effect("time_delay", (), {"delay": 0.012})]
+    options = {"duration": 8.0, "rate": 250.0, "torque_noise_share": 1e-4, "encoder_bits": bits}
+    train, test = excitations(robot, late, train=1, test=1, **options)
+    settings = LoopSettings(effects=("time_delay",))
+    judge, terms, _ = gather(Model(robot), read_motion(robot, train, test, settings), settings)
+    return float(refit(judge.evidence, terms)[0])
+
+
+def test_a_delay_is_right_where_the_noise_is_that_of_the_encoder(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert delay_found(ROBOT, 12) == pytest.approx(0.012, rel=0.02)
+    # Control: with steps as long as the tangent says, noise of the column makes them too short to arrive.
+    monkeypatch.setattr(augment, "UNDERSTATED", np.inf)
+    assert delay_found(ROBOT, 12) < 0.9 * 0.012
+
+
+def test_a_delay_of_a_heavy_arm_is_asked_at_its_own_instant(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Robot.from_urdf(find_description("ur_description/urdf/ur10_joint_limited_robot.urdf"))
+    assert delay_found(robot, 13) == pytest.approx(0.012, rel=0.02)
+    # Control: a column at no delay holds noise of one instant, what is left that of another: they pull it back.
+    monkeypatch.setattr(columns_module, "delayed", lambda own, time, delay: own)
+    assert delay_found(robot, 13) < 0.96 * 0.012
+
+
+def test_what_goes_takes_no_certainty_from_what_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A wrong zero goes: from then on the linear problem stands elsewhere, and so does the noise drops are judged by.
+    effects = [
+        Effect("position_offset", (SHOULDER,), {"offset": 0.2}),
+        Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 0.4}),
+    ]
+    judge, terms = judged(effects)
+    zero, friction = Term("position_offset", 0), plain("coulomb_friction", 0, terms)
+    judge.evidence.add_terms([zero])
+    current = [zero, friction]
+    refit(judge.evidence, current)
+    monkeypatch.setattr(prune, "_forced", lambda judge, kept: {zero} & set(kept))
+    losses, asked = prune.losses, []
+
+    def spy(judge: Judge, kept: Sequence[Term], noise: Held | None = None) -> dict[Term, Gain]:
+        if noise is not None:
+            asked.append(len(kept))
+            now = judge.evidence.held(current, physical=True)
+            np.testing.assert_array_equal(noise.joint_errors, now.joint_errors)
+        return losses(judge, kept, noise)
+
+    monkeypatch.setattr(prune, "losses", spy)
+    kept, _, _ = keep_sure(judge, current, len(terms), lambda step: None)
+    assert kept == [friction]
+    assert asked == [2, 1]
+
+
+def test_a_small_offset_beside_a_body_is_named_and_without_one_it_is_not() -> None:
+    # A tenth of a floor squared: too small to be looked for, sure all the same, and the link would take it up.
+    effects = [
+        Effect("link_mass", (ELBOW,), {"mass": 2.5}),
+        Effect("torque_offset", (SHOULDER,), {"offset": 0.03}),
+    ]
+    judge, terms = judged(effects)
+    body, offset = Term("link_mass", 1), plain("torque_offset", 0, terms)
+    judge.evidence.add_terms([body])
+    refit(judge.evidence, [body])
+    assert complete(judge, [body], terms) == [body, offset]
+    assert offset not in complete(judge, [plain("viscous_friction", 1, terms)], terms)
+
+
+def test_a_name_that_spoils_one_far_run_is_contradicted() -> None:
+    # Right where it was learned, far off in one test run: its own error there is no noise that excuses it.
+    judge, _ = judged([])
+    spring = Effect("joint_spring", (SHOULDER,), {"stiffness": 2.0, "rest_position": 0.0}, {"shape": "linear"})
+    tests = judge.evidence.runs
+    full, bare = Model(ROBOT).adding([spring]), Model(ROBOT)
+    change = change_on_tests(judge, tests, full, bare)
+    assert change.contradicts
+    assert change.error < 0.2 * change.relative
+    # Control: the other way round it is what the runs ask for.
+    other = change_on_tests(judge, tests, bare, full)
+    assert not other.contradicts
+    assert other.relative < 0
+    assert np.all(change_on_tests(judge, tests, bare, bare).per_joint == 0.0)
