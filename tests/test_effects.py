@@ -225,7 +225,7 @@ def test_a_tilt_by_any_angle_is_found_exactly_and_two_tilts_are_one(panda, state
     x = np.linalg.lstsq(columns, missing, rcond=None)[0]
     assert kind.parameters_of(x, started, term) == pytest.approx({"roll": roll, "pitch": pitch}, abs=1e-6)
     # The truth lies on the surface that keeps gravity's size; more of the same direction does not.
-    normal, value = kind.surface(x, started, term)  # type: ignore[misc]
+    normal, value = kind.surface(x, started, term)
     assert normal @ x == pytest.approx(value, abs=1e-6)
     assert normal @ (x + 0.1 * normal) - value == pytest.approx(0.1, abs=1e-6)
 

@@ -26,7 +26,7 @@ SHOULDER, ELBOW = ROBOT.joint_names
 
 def judged(effects: Sequence[Effect], **options: object) -> tuple[Judge, list[Term]]:
     settings = LoopSettings()
-    train, test = excitations(ROBOT, effects, train=2, test=1, duration=8.0, rate=250.0, **options)  # type: ignore[arg-type]
+    train, test = excitations(ROBOT, effects, train=2, test=1, duration=8.0, rate=250.0, **options)
     judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, train, test, settings), settings)
     return judge, terms
 
