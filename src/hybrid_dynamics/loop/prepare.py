@@ -26,6 +26,8 @@ from hybrid_dynamics.types import Array
 OUTLIER_REACH = 2.0
 #: Share of samples that repeat the one before, beyond which a torque was recorded in steps wider than its noise.
 MOST_REPEATS = 0.5
+#: A torque whose spread is below this many of its steps is rounded along with the motion.
+STEPS = 0.5
 
 
 @dataclass(frozen=True)
@@ -94,9 +96,10 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     floor = np.where(seen, np.maximum(np.maximum(noise_floor(evidence), low), least), 0.0)
     evidence.weigh(floor)
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
-    # What rounding takes away follows the motion, up to half a step in a joint that hardly loads its sensor: a change
-    # within it is no news either.
-    misfit = np.maximum(misfit, logs.step / 2)
+    # What rounding takes away follows the motion, up to half a step where the torque hardly leaves one
+    # (Widrow, 1956: beyond, it is as good as noise): a change within it is no news either.
+    within = np.where(torque.std(axis=0) < STEPS * logs.step, logs.step / 2, logs.rounding)
+    misfit = np.maximum(misfit, within)
     return Judge(evidence, settings, floor, torque.var(axis=0), misfit, np.maximum(low, least)), terms, notes
 
 
