@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.signal import lfilter
 
 from hybrid_dynamics.effects.base import Effect, StateTorque, family
 from hybrid_dynamics.effects.state import State
@@ -14,25 +15,29 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
+#: Setting of a late torque: as it was before (delay), or behind a low-pass (lag).
+RESPONSE, DELAY, LAG = "response", "delay", "lag"
+
 
 @dataclass(frozen=True)
 class Readings:
     """What a log holds of the truth: q_true = q_read + ``offset`` (n,) [rad]; recorded torque = ``gain`` (n,) times the
-    true one, recorded ``delay`` [s] late."""
+    true one, recorded ``delay`` [s] late behind a first-order low-pass of time constant ``lag`` [s]."""
 
     offset: Array
     gain: Array
-    delay: float
+    delay: float = 0.0
+    lag: float = 0.0
 
     @property
     def plain(self) -> bool:
         """True where the log holds the truth."""
-        return bool(np.all(self.offset == 0) and np.all(self.gain == 1) and self.delay == 0)
+        return bool(np.all(self.offset == 0) and np.all(self.gain == 1) and self.delay == self.lag == 0)
 
 
 def readings(robot: Robot, effects: Iterable[Effect]) -> Readings:
-    """All effects on what is read, composed: offsets and delays add up, gains multiply."""
-    offset, gain, delay = np.zeros(robot.n_joints), np.ones(robot.n_joints), 0.0
+    """All effects on what is read, composed: offsets, delays and lags add up, gains multiply."""
+    offset, gain, late = np.zeros(robot.n_joints), np.ones(robot.n_joints), {DELAY: 0.0, LAG: 0.0}
     for effect in effects:
         if not family(effect.effect).changes_reading:
             continue
@@ -40,8 +45,8 @@ def readings(robot: Robot, effects: Iterable[Effect]) -> Readings:
         where = slice(None) if joint is None else joint
         offset[where] += effect.parameters.get("offset", 0.0)
         gain[where] *= effect.parameters.get("gain", 1.0)
-        delay += effect.parameters.get("delay", 0.0)
-    return Readings(offset, gain, delay)
+        late[effect.settings.get(RESPONSE, DELAY)] += effect.parameters.get("delay", 0.0)
+    return Readings(offset, gain, late[DELAY], late[LAG])
 
 
 def with_effects(robot: Robot, effects: Iterable[Effect], along: bool = False) -> tuple[Robot, StateTorque]:
@@ -105,14 +110,47 @@ def predict_acting(
     q = q + read.offset
     rigid = changed.inverse_dynamics(q, dq, ddq)
     own = (rigid + torque(q, dq, rigid, ddq, time)) * read.gain
-    return delayed(own, time, read.delay)
+    return late(own, time, read)
+
+
+def late(signal: Array, time: Array | None, read: Readings) -> Array:
+    """``signal`` (T, ...) as late as ``read`` says it is recorded; ``time`` (T,) [s]."""
+    return delayed(lagged(signal, time, read.lag), time, read.delay)
 
 
 def delayed(signal: Array, time: Array | None, delay: float) -> Array:
     """``signal`` (T, ...) as it was ``delay`` [s] before: cubic spline, held at the ends of the run."""
     if delay == 0:
         return signal
-    if time is None:
-        raise InputError("effect time_delay shifts the torque in time, and no time stamps are given; give time")
+    time = _stamps(time)
     at = np.clip(time - delay, time[0], time[-1])
     return np.asarray(make_interp_spline(time, signal, k=3, axis=0)(at))
+
+
+def lagged(signal: Array, time: Array | None, lag: float) -> Array:
+    """``signal`` (T, ...) behind a low-pass lag dy/dt + y = signal, exact where the signal is linear between samples.
+
+    Stamps that are not even are resampled first. At the beginning y follows as if the signal had risen before as it
+    does then.
+    """
+    if lag == 0:
+        return signal
+    time = _stamps(time)
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    if np.any(np.abs(steps - step) > 1e-3 * step):
+        even = np.linspace(time[0], time[-1], max(int(np.ceil((time[-1] - time[0]) / step)), 1) + 1)
+        inside = lagged(np.asarray(make_interp_spline(time, signal, k=1, axis=0)(even)), even, lag)
+        return np.asarray(make_interp_spline(even, inside, k=1, axis=0)(time))
+    keep = float(np.exp(-step / lag))
+    share = (1.0 - keep) * lag / step
+    new, old = 1.0 - share, share - keep
+    first = signal[:1] - lag / step * (signal[1:2] - signal[:1])
+    # The filter's state is what the sample before leaves to the first one.
+    return np.asarray(lfilter([new, old], [1.0, -keep], signal, axis=0, zi=first - new * signal[:1])[0])
+
+
+def _stamps(time: Array | None) -> Array:
+    if time is None:
+        raise InputError("effect time_delay shifts the torque in time, and no time stamps are given; give time")
+    return time

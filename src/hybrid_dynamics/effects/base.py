@@ -237,6 +237,10 @@ class Family(ABC):
         """Tangent plane ``normal @ y = value``, near ``x``, of the surface that coordinates lie on."""
         raise InputError(f"effect {self.name}: its coordinates lie on no surface")
 
+    def forms(self, term: Term) -> list[Term]:
+        """Laws of the same place whose columns are the same at zero: only the laws themselves tell them apart."""
+        return []
+
     def is_wide(self, term: Term) -> bool:
         """True where ``term`` shows in several joints' torques: only looked for with every joint's own effects in."""
         return self.scope != "joint"

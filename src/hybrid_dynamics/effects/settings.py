@@ -90,6 +90,7 @@ KINDS: Mapping[str, tuple[Check, str]] = {
     "rows": _one_of("own", "both"),
     "sign_of": _one_of("partner", "sum", "difference"),
     "of": _one_of("offset", "coulomb", "viscous"),
+    "response": _one_of("delay", "lag"),
     "shape": _one_of("linear", "sine", "piecewise"),
     "knots": (_rising, "positions [rad] that rise, two or more"),
     "intervals": (_spans, "pairs of times [s], the earlier first"),

@@ -99,7 +99,8 @@ class Motion:
 
     ``given_load`` (T, n) [N m] replaces the robot's own rigid-body torque where the model has changed it;
     ``given_torque`` (T, n) [N m] is the torque of the whole model (rigid body and effects, without those that only
-    change what is read), for effects with ``uses_torque``. ``given_regressor`` (K, n, 10 n) is the inertial regressor
+    change what is read) as late as it is recorded, for effects with ``uses_torque``, and ``given_lag`` [s] the time
+    constant of the low-pass in that. ``given_regressor`` (K, n, 10 n) is the inertial regressor
     after smoothing, for effects with ``by_regressor``.
     """
 
@@ -110,6 +111,7 @@ class Motion:
     ddq: Array
     given_load: Array | None = None
     given_torque: Array | None = None
+    given_lag: float = 0.0
     given_regressor: Array | None = None
 
     @cached_property

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Motion, Term
-from hybrid_dynamics.effects.acting import delayed
+from hybrid_dynamics.effects.acting import late
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.layout import Layout, make_room
 from hybrid_dynamics.loop.model import Model
@@ -156,8 +156,8 @@ class Columns:
                 # As late as it is recorded: noise of the motion stands in the column and in what is left, and at
                 # different instants it would pull the delay towards none.
                 own = model.without_readings().predict(m.q, m.dq, m.ddq, m.time)
-                given = delayed(own, m.time, model.readings.delay)
-            motions.append(replace(m, given_load=load, given_torque=given))
+                given = late(own, m.time, model.readings)
+            motions.append(replace(m, given_load=load, given_torque=given, given_lag=model.readings.lag))
         changed: dict[int, list[int]] = {}
         for term in terms:
             parts = self._smoothed(term, motions)

@@ -10,6 +10,7 @@ import numpy as np
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
 from hybrid_dynamics.loop.floor import difference_floor
+from hybrid_dynamics.loop.forms import choose_forms
 from hybrid_dynamics.loop.further import further_candidates, refine, simplify
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor
@@ -80,7 +81,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         steps += further
         chosen = refine(judge, further[-1].terms)
         looked = len({s.place for s in candidates})
-    chosen = simplify(judge, chosen, candidates)
+    chosen = choose_forms(judge, simplify(judge, chosen, candidates))
     held = judge.mean_square(evidence.held(chosen, physical=True))
     if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
         further = split_by_run(judge, chosen, candidates, report)

@@ -14,6 +14,7 @@ from hybrid_dynamics.effects.state import Equivalence
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
+from hybrid_dynamics.loop.forms import forms_as_good
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, Place, pairs
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.types import Array
@@ -30,6 +31,7 @@ def indistinguishable(
     """What would explain as much in the place of each term (one candidate, or two together), why, and the remedy."""
     evidence = judge.evidence
     names = evidence.robot.joint_names
+    forms = {term: _other_forms(judge, terms, term) for term in terms}
     full = evidence.held(terms, evidence.constrained(terms))
     x = evidence.fit(terms)
     layout = evidence.layout(terms)
@@ -73,7 +75,7 @@ def indistinguishable(
             if key not in found or loss < found[key][0]:
                 found[key] = (loss, entry)
         listed = [entry for _, entry in sorted(found.values(), key=lambda item: (len(item[1]["effects"]), item[0]))]
-        listed = [*_one_for_several(judge, terms, term), *listed]
+        listed = [*forms[term], *_one_for_several(judge, terms, term), *listed]
         if (twin := term.family().twin(term, evidence.robot)) is not None:
             known = next(e for e in term.family().equivalent_to if e.effects == (twin.effect,))
             listed.insert(
@@ -81,6 +83,17 @@ def indistinguishable(
                 _as_declared(evidence, twin.effect, twin.joint, f"structurally the same: {known.why}", known),
             )
         out[term] = listed
+    return out
+
+
+def _other_forms(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[str, Any]]:
+    """Other laws of the same family that leave no surely larger error."""
+    out = []
+    for form in forms_as_good(judge, terms, term):
+        known = next(e for e in term.family().equivalent_to if e.effects == (form.effect,))
+        settings = ", ".join(f"{k}: {v}" for k, v in form.settings) or "as it is without settings"
+        why = f"the same effect with another law ({settings}) leaves as little: {known.why}"
+        out.append(_as_declared(judge.evidence, form.effect, form.joint, why, known))
     return out
 
 

@@ -81,7 +81,7 @@ class Model:
         """
         changed, law = self._momentary
         rows = [np.asarray(a, float).reshape(1, -1) for a in (q, dq, ddq)]
-        now = Readings(self.readings.offset, self.readings.gain, 0.0)
+        now = Readings(self.readings.offset, self.readings.gain)
         return np.asarray(predict_acting(changed, law, now, *rows)[0])
 
     @cached_property

@@ -112,6 +112,8 @@ def settings_words(entry: Entry, placed: bool = False) -> list[str]:
         out.append(f"of the {settings['sign_of']} of both speeds")
     if "of" in settings:
         out.append(f"of the {settings['of']} torque" if settings["of"] != "offset" else "of the offset")
+    if settings.get("response") == "lag":
+        out.append("behind a first-order low-pass")
     if "shape" in settings:
         out.append(f"{settings['shape']} in q")
     if "expression" in settings:

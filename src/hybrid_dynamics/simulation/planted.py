@@ -151,11 +151,12 @@ def _refuse_accelerations(row: _Row, n: int) -> None:
 
 
 def sensors_for(settings: SensorSettings, robot: Robot, effects: Sequence[Effect]) -> SensorSettings:
-    """``settings`` with the gains, position offsets and delay of ``effects``."""
+    """``settings`` with the gains, position offsets, delay and lag of ``effects``."""
     read = readings(robot, effects)
     return replace(
         settings,
         torque_gain=tuple(read.gain.tolist()),
         position_offset=tuple(read.offset.tolist()),
         delay=settings.delay + read.delay,
+        lag=settings.lag + read.lag,
     )

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_dynamics.effects.acting import lagged
 from hybrid_dynamics.errors import ConfigError, require
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.references import derive_seed
@@ -30,8 +31,9 @@ class SensorSettings:
     deviation ``torque_noise`` [N m] (per joint, or one number) or ``torque_noise_share`` of the effort limit.
     ``velocity``: whether dq is recorded, with white noise ``velocity_noise`` [rad/s].
 
-    Three faults of recordings, for planting: ``torque_gain`` k per joint (recorded = k times true),
-    ``position_offset`` [rad] per joint (q_true = q_read + offset), ``delay`` [s] of the torque (positive: late).
+    Four faults of recordings, for planting: ``torque_gain`` k per joint (recorded = k times true),
+    ``position_offset`` [rad] per joint (q_true = q_read + offset), ``delay`` [s] of the torque (positive: late), and
+    ``lag`` [s], the time constant of a first-order low-pass that it has passed.
     """
 
     record_every: int = 1
@@ -44,6 +46,7 @@ class SensorSettings:
     torque_gain: tuple[float, ...] = ()
     position_offset: tuple[float, ...] = ()
     delay: float = 0.0
+    lag: float = 0.0
 
     def __post_init__(self) -> None:
         require(1 <= self.record_every <= 10_000, f"sensors.record_every = {self.record_every}; expected 1 to 10000")
@@ -69,6 +72,7 @@ class SensorSettings:
         )
         require(self.velocity_noise >= 0, f"sensors.velocity_noise = {self.velocity_noise} rad/s; expected >= 0")
         require(abs(self.delay) <= 0.1, f"sensors.delay = {self.delay} s; expected at most 0.1 s")
+        require(0 <= self.lag <= 0.1, f"sensors.lag = {self.lag} s; expected 0 to 0.1 s")
 
     def encoder_step(self, n: int) -> Array:
         """Encoder step (n,) [rad], 0 where ideal."""
@@ -105,7 +109,8 @@ def record(
     rows = _rows(len(rollout.time), settings.record_every)
     middles = np.arange(len(rollout.time)) + 0.5
     wanted = rows - settings.delay / period
-    tau = np.column_stack([np.interp(wanted, middles, rollout.tau[:, j]) for j in range(n)])
+    drives = lagged(rollout.tau, np.asarray(middles * period, float), settings.lag)
+    tau = np.column_stack([np.interp(wanted, middles, drives[:, j]) for j in range(n)])
     tau *= _per_joint("torque_gain", settings.torque_gain, n, 1.0)
     if settings.torque_noise_share:
         deviation = settings.torque_noise_share * robot.effort_limits

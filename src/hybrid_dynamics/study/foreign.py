@@ -291,6 +291,7 @@ KNOWN = (
     Recipe("coupling", _coupled("own_coupling"), _own_coupling),
     Recipe("zero", _zero, _one("position_offset", offset="offset")),
     Recipe("delay", _plain("delay", True, delay=0.001), _one("time_delay", delay="delay")),
+    Recipe("lag", _plain("lag", True, constant=0.001), _one("time_delay", {"response": "lag"}, delay="constant")),
     Recipe("payload", _block(True), _payload),
     Recipe("link", _block(False), _link),
     Recipe("mass", _mass, _mass_truth),
@@ -304,7 +305,6 @@ UNKNOWN = (
     Recipe("tanh", _tanh, _nothing),
     Recipe("stribeck 1/2", _stribeck(0.5), _nothing),
     Recipe("cubic spring", _stiffness(1.5), _nothing),
-    Recipe("lag", _plain("lag", True, constant=0.001), _nothing),
     Recipe("two joints", _coupled("two_joints"), _nothing),
 )
 RECIPES = {r.name: r for r in (*KNOWN, *UNKNOWN)}

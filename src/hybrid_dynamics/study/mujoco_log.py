@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, lfilter, sosfilt
+from scipy.signal import butter, lfilter, lsim, sosfilt
 
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.loop.process import derivative
@@ -118,8 +118,8 @@ def read(
             late = np.clip(course.time - h.values["delay"], course.time[0], course.time[-1])
             tau = np.asarray(make_interp_spline(course.time, tau, k=3, axis=0)(late))
         elif h.kind == "lag":
-            keep = float(np.exp(-dt / h.values["constant"]))
-            tau = lfilter([1 - keep], [1, -keep], tau - tau[0], axis=0) + tau[0]
+            drive = ([1.0], [h.values["constant"], 1.0])
+            tau = tau[0] + np.column_stack([lsim(drive, own, course.time)[1] for own in (tau - tau[0]).T])
     if settings.encoder_bits:
         step = 2 * np.pi / 2**settings.encoder_bits
         q = np.round(q / step) * step
