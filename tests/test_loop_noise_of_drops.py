@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model, augment, prune
 from hybrid_dynamics.loop import columns as columns_module
 from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.blocks import folds_of
 from hybrid_dynamics.loop.confirm import test_change as change_on_tests
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prepare import gather, read_motion
@@ -56,7 +58,7 @@ def test_a_delay_of_a_heavy_arm_is_asked_at_its_own_instant(monkeypatch: pytest.
     robot = Robot.from_urdf(find_description("ur_description/urdf/ur10_joint_limited_robot.urdf"))
     assert delay_found(robot, 13) == pytest.approx(0.012, rel=0.02)
     # Control: a column at no delay holds noise of one instant, what is left that of another: they pull it back.
-    monkeypatch.setattr(columns_module, "delayed", lambda own, time, delay: own)
+    monkeypatch.setattr(columns_module, "late", lambda own, time, read: own)
     assert delay_found(robot, 13) < 0.96 * 0.012
 
 
@@ -115,3 +117,15 @@ def test_a_name_that_spoils_one_far_run_is_contradicted() -> None:
     assert not other.contradicts
     assert other.relative < 0
     assert np.all(change_on_tests(judge, tests, bare, bare).per_joint == 0.0)
+
+
+def test_runs_in_other_poses_are_not_predicted_from_each_other() -> None:
+    # Whole runs are held out where each could be known from the rest; else parts of every run.
+    judge, _ = judged([])
+    first, second = judge.evidence.runs
+    near = folds_of([first, second], LoopSettings())
+    assert near.number == 2
+    assert [set(near.blocks.run[own]) for own in near.own] == [{0}, {1}]
+    far = folds_of([first, replace(second, q=second.q + 10.0)], LoopSettings())
+    assert far.number == LoopSettings().time_folds
+    assert all(set(far.blocks.run[own]) == {0, 1} for own in far.own)

@@ -20,6 +20,8 @@ Indices = NDArray[np.int_]
 BLOCK_WINDOWS = 2.0
 #: Share of a joint's moving rows in one run beyond which runs cannot stand in for each other.
 MOST_IN_ONE = 0.8
+#: Share of a run's positions, joint by joint, that others must have been around for them to predict it.
+LEAST_COMMON = 0.5
 #: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
 FEWEST_BLOCKS, MOST_BLOCKS = 24, 100
 
@@ -106,10 +108,20 @@ def folds_by_time(blocks: Blocks, number: int) -> Folds:
 
 
 def _share_motion(runs: Sequence[Run]) -> bool:
-    """False for a single run, and where a joint moves in hardly more than one: nothing else could predict that."""
+    """False for a single run, and where no run could be predicted from the others.
+
+    That is so where a joint moves in hardly more than one, and where most joints are elsewhere in every run: what a
+    body fitted to some poses says of others is no measure of whether it is there.
+    """
     rows = np.array([run.mask.sum(axis=0) for run in runs], float)
     total = rows.sum(axis=0)
-    return len(runs) > 1 and bool(np.all(rows.max(axis=0)[total > 0] <= MOST_IN_ONE * total[total > 0]))
+    if len(runs) < 2 or np.any(rows.max(axis=0)[total > 0] > MOST_IN_ONE * total[total > 0]):
+        return False
+    inside = np.zeros(rows.shape)
+    for k, run in enumerate(runs):
+        others = np.concatenate([other.q for other in runs if other is not run])
+        inside[k] = np.mean((run.q >= others.min(axis=0)) & (run.q <= others.max(axis=0)), axis=0)
+    return bool(np.median(inside.mean(axis=0)[total > 0]) >= LEAST_COMMON)
 
 
 def _slices(index: Indices) -> list[slice]:

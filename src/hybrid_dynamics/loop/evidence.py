@@ -322,7 +322,8 @@ class Evidence:
 
     def _solved(self, layout: Layout, a: Array, b: Array, constraints: Constraints, physical: bool) -> Array:
         """Coordinates under ``constraints``; those that must lie on a surface are held to its tangent plane, twice."""
-        x = solve(a, b, constraints) if physical else solve_bounded(a, b, constraints.lower)
+        full = physical and not layout.on_surfaces
+        x = solve(a, b, constraints) if full else solve_bounded(a, b, constraints.lower)
         for _ in range(2 if layout.on_surfaces else 0):
             stiff, target = a.copy(), b.copy()
             for term, start in layout.on_surfaces:

@@ -208,7 +208,7 @@ def rank(judge: Judge, current: Sequence[Term], candidates: Sequence[Term], befo
     if active:
         # Every physical fit takes a while then: the best under bounds alone are looked at.
         screened = {c: evidence.held(joined(current, c)).score for c in free}
-        free = sorted(free, key=lambda c: (screened[c], term_order(c)))[: 2 * TABLE_ROWS]
+        free = sorted(free, key=lambda c: (screened[c], term_order(c)))[:TABLE_ROWS]
     held = {c: evidence.held(joined(current, c), physical=True) for c in free}
     order = sorted(held, key=lambda s: (held[s].score, s.size, term_order(s)))[:TABLE_ROWS]
     rows = {s: _judged(judge, s, joined(current, s), before, held[s]) for s in order}
