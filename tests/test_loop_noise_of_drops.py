@@ -129,3 +129,17 @@ def test_runs_in_other_poses_are_not_predicted_from_each_other() -> None:
     far = folds_of([first, replace(second, q=second.q + 10.0)], LoopSettings())
     assert far.number == LoopSettings().time_folds
     assert all(set(far.blocks.run[own]) == {0, 1} for own in far.own)
+
+
+def test_a_longer_step_stays_within_what_physics_allows(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A coarse encoder makes steps long, and every one is tried at twice that; friction that drives must not come of it.
+    effects = [
+        Effect("time_delay", (), {"delay": 0.02}),
+        Effect("viscous_friction", (SHOULDER,), {"viscous_coefficient": 0.02}),
+    ]
+    monkeypatch.setattr(augment, "UNDERSTATED", -np.inf)
+    judge, terms = judged(effects, encoder_bits=12)
+    late = [Term("time_delay"), *(t for t in terms if t.family().everywhere and not t.settings)]
+    judge.evidence.add_terms(late)
+    x, layout = refit(judge.evidence, late), judge.evidence.layout(late)
+    assert judge.evidence.constraints(layout).satisfied(x)

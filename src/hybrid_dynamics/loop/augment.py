@@ -88,6 +88,7 @@ def _descend(evidence: Evidence, terms: Sequence[Term], own: Sequence[Term], x: 
         evidence.renew(effects_of(evidence, terms, x), own)
         evidence.relinearise(left, terms, x)
 
+    limits = evidence.constraints(evidence.layout(terms))
     start = evidence.squared_error(evidence.base_target)
     best = x
     left, error = exact(best)
@@ -115,12 +116,15 @@ def _descend(evidence: Evidence, terms: Sequence[Term], own: Sequence[Term], x: 
         else:
             break
         # Noise of the motion makes a column (a delay's above all) larger than what it is the derivative of, and steps
-        # too short.
-        while error - trial > UNDERSTATED * promised:
-            longer = exact(best + 2 * step)
+        # too short. Only what physics allows: beyond the fit nothing holds the coordinates.
+        for _ in range(HALVINGS):
+            further = np.maximum(best + 2 * step, limits.lower)
+            if error - trial <= UNDERSTATED * promised or not limits.satisfied(further):
+                break
+            longer = exact(further)
             if not longer[1] < trial:
                 break
-            step, (left, trial) = 2 * step, longer
+            step, (left, trial) = further - best, longer
         settled = trial > (1 - SETTLED) * error
         best, error = best + step, trial
         stand(best, left)
