@@ -89,18 +89,20 @@ def test_what_goes_takes_no_certainty_from_what_stays(monkeypatch: pytest.Monkey
     assert asked == [2, 1]
 
 
-def test_a_small_offset_beside_a_body_is_named_and_without_one_it_is_not() -> None:
-    # A tenth of a floor squared: too small to be looked for, sure all the same, and the link would take it up.
+@pytest.mark.parametrize(("offset", "named"), [(0.06, True), (0.02, False)])
+def test_an_offset_of_practical_size_beside_a_body_is_named(offset: float, named: bool) -> None:
+    # Both are sure (17 and 6 standard errors) and the link would take them up; the smaller is a fifth of a floor.
     effects = [
         Effect("link_mass", (ELBOW,), {"mass": 2.5}),
-        Effect("torque_offset", (SHOULDER,), {"offset": 0.03}),
+        Effect("torque_offset", (SHOULDER,), {"offset": offset}),
     ]
     judge, terms = judged(effects)
-    body, offset = Term("link_mass", 1), plain("torque_offset", 0, terms)
+    body, constant = Term("link_mass", 1), plain("torque_offset", 0, terms)
     judge.evidence.add_terms([body])
     refit(judge.evidence, [body])
-    assert complete(judge, [body], terms) == [body, offset]
-    assert offset not in complete(judge, [plain("viscous_friction", 1, terms)], terms)
+    assert (complete(judge, [body], terms) == [body, constant]) is named
+    # Control: where no body is there to take it up, what the search left out stays out.
+    assert constant not in complete(judge, [plain("viscous_friction", 1, terms)], terms)
 
 
 def test_a_name_that_spoils_one_far_run_is_contradicted() -> None:

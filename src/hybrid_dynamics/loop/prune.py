@@ -150,9 +150,9 @@ def complete(
 
     A common family (``common``, and what sits on most joints) is one cause: on each other joint its parameter must
     exceed its own standard error at the level of n questions. Where a body of the model acts, each plain family is
-    asked at the level of all these places: what is left out there is taken up by the body, which then predicts other
-    poses wrongly. Held-out runs must not speak against it; in short runs a held-out part may hold motions that the
-    rest does not know, so a gain there is much to ask of a name that is expected.
+    asked at the level of all these places, for a torque of practical size: what is left out there is taken up by the
+    body, which then predicts other poses wrongly. Held-out runs must not speak against it; in short runs a held-out
+    part may hold motions that the rest does not know, so a gain there is much to ask of a name that is expected.
     """
     evidence = judge.evidence
     out = list(chosen)
@@ -160,7 +160,7 @@ def complete(
     plain = sorted({t.effect for t in evidence.columns.terms if t.family().everywhere})
     bodies = [t for t in out if t.family().changes_body]
     loaded = {j for j in moving if any(evidence.acts(t)[j] for t in bodies)}
-    out = _with_sure(judge, out, candidates, [(n, j) for n in plain for j in moving if j in loaded])
+    out = _with_sure(judge, out, candidates, [(n, j) for n in plain for j in moving if j in loaded], sizeable=True)
     sits = Counter(s.effect for s in out if s.joint is not None and s.family().everywhere)
     for name in sorted(_on_most(sits, len(moving)) | set(common)):
         out = _with_sure(judge, out, candidates, [(name, j) for j in moving])
@@ -169,9 +169,16 @@ def complete(
 
 
 def _with_sure(
-    judge: Judge, chosen: list[Term], candidates: Sequence[Term], places: Sequence[tuple[str, int]]
+    judge: Judge,
+    chosen: list[Term],
+    candidates: Sequence[Term],
+    places: Sequence[tuple[str, int]],
+    sizeable: bool = False,
 ) -> list[Term]:
-    """``chosen`` with those of ``places`` (family, joint) whose coefficient is sure at the level of so many."""
+    """``chosen`` with those of ``places`` (family, joint) whose coefficient is sure at the level of so many.
+
+    ``sizeable``: only those whose torque is of practical size.
+    """
     evidence, out = judge.evidence, chosen
     for name, joint in places:
         offered = [c for c in candidates if c.effect == name and c.joint == joint]
@@ -182,7 +189,8 @@ def _with_sure(
         x = evidence.fit(best)
         spread = float(np.sqrt(max(covariance_with_settings(evidence, best, x)[len(x) - 1, len(x) - 1], 0.0)))
         gain = judge.gain(evidence.held(best, physical=True), evidence.held(out, physical=True))
-        if abs(x[-1]) > judge.level(len(places), gain.blocks) * spread and gain.total > -gain.error:
+        sure = abs(x[-1]) > judge.level(len(places), gain.blocks) * spread and gain.total > -gain.error
+        if sure and (not sizeable or judge.shows(best[-1], float(x[-1]))):
             out = best
     return out
 

@@ -169,6 +169,16 @@ class Judge:
             return 1
         return max(min(2, int((self.evidence.samples >= FEWEST_ROWS).sum())), 1)
 
+    def shows(self, term: Term, x: float) -> bool:
+        """True where the torque of ``term``, of one coefficient ``x``, on its joint is itself of practical size.
+
+        Other effects may take most of it up, so that leaving it out hardly costs where the data is.
+        """
+        evidence, joint = self.evidence, term.index
+        _, column = evidence.indices(evidence.layout([term]))[joint]
+        square = x**2 * float(evidence.full_gram[joint][column[0], column[0]]) / max(evidence.samples[joint], 1.0)
+        return bool(square > self._bar(self.settings.floor_share)[joint])
+
     def matters(self, term: Term, joint_gain: Array, share: float, decisive: bool = False) -> bool:
         """True where the gain (n,) [N m]^2 is of practical size on enough of the joints on which the effect acts.
 
