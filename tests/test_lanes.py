@@ -130,6 +130,8 @@ def test_ctrl_c_ends_all_lanes(tmp_path):
     """Both write their process number and sleep; after the interruption neither is there."""
     sleeper = "import os, pathlib, time; pathlib.Path({!r}).write_text(str(os.getpid())); time.sleep(600)"
     code = (
+        # A test runner in the background hands down an ignored SIGINT; a person's terminal does not.
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from stages.lanes import Lanes; import sys\n"
         f"Lanes(2).run({{name: [sys.executable, '-c', {sleeper!r}.format(str({str(tmp_path)!r} + '/' + name))]"
         " for name in ('one', 'two')})"
