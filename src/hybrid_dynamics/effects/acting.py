@@ -37,7 +37,7 @@ class Readings:
 
 def readings(robot: Robot, effects: Iterable[Effect]) -> Readings:
     """All effects on what is read, composed: offsets, delays and lags add up, gains multiply."""
-    offset, gain, late = np.zeros(robot.n_joints), np.ones(robot.n_joints), {DELAY: 0.0, LAG: 0.0}
+    offset, gain, times = np.zeros(robot.n_joints), np.ones(robot.n_joints), {DELAY: 0.0, LAG: 0.0}
     for effect in effects:
         if not family(effect.effect).changes_reading:
             continue
@@ -45,8 +45,8 @@ def readings(robot: Robot, effects: Iterable[Effect]) -> Readings:
         where = slice(None) if joint is None else joint
         offset[where] += effect.parameters.get("offset", 0.0)
         gain[where] *= effect.parameters.get("gain", 1.0)
-        late[effect.settings.get(RESPONSE, DELAY)] += effect.parameters.get("delay", 0.0)
-    return Readings(offset, gain, late[DELAY], late[LAG])
+        times[effect.settings.get(RESPONSE, DELAY)] += effect.parameters.get("delay", 0.0)
+    return Readings(offset, gain, times[DELAY], times[LAG])
 
 
 def with_effects(robot: Robot, effects: Iterable[Effect], along: bool = False) -> tuple[Robot, StateTorque]:

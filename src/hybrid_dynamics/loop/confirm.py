@@ -14,12 +14,11 @@ import numpy as np
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term
-from hybrid_dynamics.loop.blocks import block_starts
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
-from hybrid_dynamics.loop.trace import Judge, block_error
+from hybrid_dynamics.loop.trace import Judge, difference_error
 from hybrid_dynamics.types import Array
 
 
@@ -37,18 +36,10 @@ class TestChange:
 def test_change(judge: Judge, tests: Sequence[Run], full: Model, without: Model) -> TestChange:
     """Compare two models on ``tests``, over rows in which the joint moves, weighted as the fit was."""
     weights = judge.evidence.weights
-    residuals = [tuple((run.tau - predict_run(m, run)) * run.mask for m in (full, without)) for run in tests]
-    after, before = (np.sum([np.sum(pair[k] ** 2, axis=0) for pair in residuals], axis=0) for k in (0, 1))
+    new, old = ([(run.tau - predict_run(m, run)) * run.mask for run in tests] for m in (full, without))
+    after, before = (np.sum([np.sum(e**2, axis=0) for e in part], axis=0) for part in (new, old))
     change, size = float((after - before) @ weights), max(float(before @ weights), 1e-300)
-    # Noise is what the better of the two leaves; the other also leaves its error, which would drown itself.
-    better = 0 if change < 0 else 1
-    sums, owner = [], []
-    for r, (run, pair) in enumerate(zip(tests, residuals, strict=True)):
-        product = ((pair[1] - pair[0]) * pair[better]) @ weights
-        sums.append(np.add.reduceat(product, block_starts(run.time, judge.settings.block)))
-        owner.append(np.full(len(sums[-1]), r))
-    error, blocks = block_error(np.concatenate(sums), np.concatenate(owner))
-    spread = 2.0 * error
+    spread, blocks = difference_error(new, old, [run.time for run in tests], judge.settings.block, weights)
     level = float(student.ppf(1.0 - judge.settings.confirmation, max(blocks - 1, 1)))
     return TestChange(
         change / size,

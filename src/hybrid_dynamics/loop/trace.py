@@ -16,6 +16,7 @@ from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.loop.blocks import block_starts
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
@@ -205,6 +206,26 @@ def block_error(sums: Array, owner: NDArray[np.int_]) -> tuple[float, int]:
         if following < 2.0 / np.sqrt(clusters) or sum(map(len, merged)) < FEWEST_CLUSTERS:
             return error, clusters
         parts = merged
+
+
+def difference_error(
+    one: Sequence[Array], other: Sequence[Array], times: Sequence[Array], block: float, weights: Array
+) -> tuple[float, int]:
+    """Standard error of the weighted squares of residuals ``one`` less those of ``other``, and the clusters behind it.
+
+    Residuals (K, n) [N m] and ``times`` (K,) [s] per run, ``weights`` (n,). The difference is d (d + 2 e): d what one
+    predicts more than the other, e the noise. Given the motion and the fits only d e is random; its sums over blocks
+    of ``block`` [s] are the clusters (:func:`block_error`).
+    """
+    squares = [sum(float(np.sum(e**2 @ weights)) for e in part) for part in (one, other)]
+    # What is left by the worse one holds what it lacks, which is no noise.
+    least = one if squares[0] <= squares[1] else other
+    sums, owner = [], []
+    for r, (new, old, left, time) in enumerate(zip(one, other, least, times, strict=True)):
+        sums.append(np.add.reduceat(((old - new) * left) @ weights, block_starts(time, block)))
+        owner.append(np.full(len(sums[-1]), r))
+    error, clusters = block_error(np.concatenate(sums), np.concatenate(owner))
+    return 2.0 * error, clusters
 
 
 def rank(judge: Judge, current: Sequence[Term], candidates: Sequence[Term], before: Held) -> list[Candidate]:

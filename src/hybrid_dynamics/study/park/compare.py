@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from hybrid_dynamics.loop.blocks import block_starts
-from hybrid_dynamics.loop.trace import block_error
+from hybrid_dynamics.loop.trace import difference_error
 from hybrid_dynamics.types import Array
 
 BETTER, AS_GOOD, WORSE = "better", "as_good", "worse"
@@ -47,14 +46,8 @@ def _compare(
     one: Sequence[Array], other: Sequence[Array], times: Sequence[Array], block: float, chance: float
 ) -> Comparison:
     squares = [sum(float(np.sum(e**2)) for e in part) for part in (one, other)]
-    # What is left by the worse one holds what it lacks, which is no noise.
-    least = one if squares[0] <= squares[1] else other
-    sums, owner = [], []
-    for r, (new, old, left, time) in enumerate(zip(one, other, least, times, strict=True)):
-        sums.append(np.add.reduceat(np.sum((old - new) * left, axis=1), block_starts(time, block)))
-        owner.append(np.full(len(sums[-1]), r))
-    spread, blocks = block_error(np.concatenate(sums), np.concatenate(owner))
+    spread, blocks = difference_error(one, other, times, block, np.ones(one[0].shape[1]))
     size = max(squares[1], 1e-300)
-    relative, error = (squares[0] - squares[1]) / size, 2.0 * spread / size
+    relative, error = (squares[0] - squares[1]) / size, spread / size
     sure = abs(relative) > max(float(student.ppf(1.0 - chance, max(blocks - 1, 1))) * error, NO_DIFFERENCE)
     return Comparison(relative, error, (WORSE if relative > 0 else BETTER) if sure else AS_GOOD)
