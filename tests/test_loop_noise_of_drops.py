@@ -12,9 +12,11 @@ from tests.small_arm import arm
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model, augment, prune
 from hybrid_dynamics.loop import columns as columns_module
+from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.blocks import folds_of
 from hybrid_dynamics.loop.confirm import test_change as change_on_tests
+from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.prune import complete, keep_sure
@@ -101,8 +103,8 @@ def test_an_offset_of_practical_size_beside_a_body_is_named(offset: float, named
     judge.evidence.add_terms([body])
     refit(judge.evidence, [body])
     assert (complete(judge, [body], terms) == [body, constant]) is named
-    # Control: where no body is there to take it up, what the search left out stays out.
-    assert constant not in complete(judge, [plain("viscous_friction", 1, terms)], terms)
+    # Control: what is not there is not named on any joint.
+    assert not [t for t in complete(judge, [body], terms) if t not in (body, constant)]
 
 
 def test_a_name_that_spoils_one_far_run_is_contradicted() -> None:
@@ -111,14 +113,34 @@ def test_a_name_that_spoils_one_far_run_is_contradicted() -> None:
     spring = Effect("joint_spring", (SHOULDER,), {"stiffness": 2.0, "rest_position": 0.0}, {"shape": "linear"})
     tests = judge.evidence.runs
     full, bare = Model(ROBOT).adding([spring]), Model(ROBOT)
-    change = change_on_tests(judge, tests, full, bare)
+    change = change_on_tests(judge, tests, full, bare, 1)
     assert change.contradicts
     assert change.error < 0.2 * change.relative
     # Control: the other way round it is what the runs ask for.
-    other = change_on_tests(judge, tests, bare, full)
+    other = change_on_tests(judge, tests, bare, full, 1)
     assert not other.contradicts
     assert other.relative < 0
-    assert np.all(change_on_tests(judge, tests, bare, bare).per_joint == 0.0)
+    assert np.all(change_on_tests(judge, tests, bare, bare, 1).per_joint == 0.0)
+
+
+def test_an_effect_that_helps_its_joint_is_not_contradicted_by_another_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, terms = judged([])
+    friction, body = plain("viscous_friction", 1, terms), Term("link_mass", 1)
+    judge.evidence.add_terms([body])
+    said = confirm_module.TestChange(0.2, 0.01, True, np.array([0.4, -0.1]))
+    monkeypatch.setattr(confirm_module, "test_change", lambda *_: said)
+    found = Found([friction, body], refit(judge.evidence, [friction, body]), [], [], [], judge)
+    confirmed = confirm_module.confirm(judge, Model(ROBOT), found.model(found.terms), found, judge.evidence.runs)
+    assert confirmed.changes[body].contradicts
+    assert not confirmed.changes[friction].contradicts
+    assert body in confirmed.refused
+    # Control: where its own joint is not better with it, what it does elsewhere counts.
+    said = replace(said, per_joint=np.array([0.4, 0.0]))
+    assert (
+        confirm_module.confirm(judge, Model(ROBOT), found.model(found.terms), found, judge.evidence.runs)
+        .changes[friction]
+        .contradicts
+    )
 
 
 def test_runs_in_other_poses_are_not_predicted_from_each_other() -> None:

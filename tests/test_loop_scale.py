@@ -7,9 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
-from hybrid_dynamics.loop import Model, close_loop
+from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.factor import common_factor, own_parameters
+from hybrid_dynamics.loop.prepare import read_motion
+from hybrid_dynamics.loop.tangents import covariance_with_settings, published_covariance
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
@@ -73,3 +77,59 @@ def test_asked_on_top_of_a_gain_an_effect_has_its_own_size(panda: Robot) -> None
     assert [(e.effect, e.joints) for e in found] == [("viscous_friction", ("panda_joint3",))]
     assert found[0].parameters["viscous_coefficient"] == pytest.approx(3.0, rel=0.02)
     assert result.diagnosis.verdict == "explained"
+
+
+@pytest.fixture(scope="module")
+def motion(panda: Robot) -> tuple[Evidence, Term, Term]:
+    """The columns of all links and of a gain of all joints on one run."""
+    settings = LoopSettings()
+    runs = [excitation(panda, [], duration=8.0, seed=k, name=f"r{k}") for k in range(2)]
+    logs = read_motion(panda, runs[:1], [replace(runs[1], split="test")], settings)
+    gain = Term("torque_gain", None)
+    (links,) = Term("inertial_parameters", None).family().terms(panda, np.ones(panda.n_joints, bool), {})
+    return Evidence(Model(panda), logs.train, [links, gain], settings), links, gain
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.2])
+def test_a_common_factor_is_as_uncertain_as_links_scatter(motion: tuple[Evidence, Term, Term], factor: float) -> None:
+    evidence, links, _ = motion
+    rng = np.random.default_rng(0)
+    own, scale = own_parameters(evidence, links), links.family().prior_scale(evidence.robot, links)
+    scores, errors = [], []
+    for _ in range(200):
+        change = factor * own + 0.3 * scale * rng.standard_normal(len(own))
+        found = common_factor(evidence, [links], change, 1e-12 * np.eye(len(own)))
+        assert found is not None
+        assert found.links == 7
+        scores.append((found.value - factor) / found.error)
+        errors.append(found.error)
+    # Standardised errors of 200 draws: mean 0 and spread 1, within four of their own standard errors.
+    assert abs(np.mean(scores)) < 4 / np.sqrt(200)
+    assert 0.8 < np.std(scores) < 1.2
+    # Wrong-cause control: seven links that are off by a sixth of their mass do not know a factor of a hundredth.
+    assert np.median(errors) > 0.02
+
+
+def test_a_gain_beside_all_links_is_published_as_uncertain_as_they_leave_it(
+    motion: tuple[Evidence, Term, Term],
+) -> None:
+    evidence, links, gain = motion
+    rng = np.random.default_rng(1)
+    scale = links.family().prior_scale(evidence.robot, links)
+    terms = [links, gain]
+    layout = evidence.layout(terms)
+    x = np.zeros(layout.total)
+    place = dict(zip(layout.terms, layout.starts, strict=True))
+    x[place[gain]] = 0.2
+    x[place[links] : place[links] + links.size] = 0.3 * scale * rng.standard_normal(links.size)
+    before, after = covariance_with_settings(evidence, terms, x), published_covariance(evidence, terms, x)
+    factor = common_factor(evidence, terms, x, before)
+    assert factor is not None
+    added = after[place[gain], place[gain]] - before[place[gain], place[gain]]
+    assert added == pytest.approx(factor.error**2)
+    # Control: links alone, or a gain alone, are as uncertain as the data says.
+    for alone in ([links], [gain]):
+        some = np.zeros(evidence.layout(alone).total)
+        np.testing.assert_array_equal(
+            published_covariance(evidence, alone, some), covariance_with_settings(evidence, alone, some)
+        )

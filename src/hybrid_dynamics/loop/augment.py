@@ -10,7 +10,7 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.columns import follows
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.loop.tangents import covariance_with_settings
+from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.types import Array
 
 #: A Gauss-Newton step is halved so often at most, and the last where the error falls by no more than this share.
@@ -137,5 +137,5 @@ def model_of(evidence: Evidence, terms: Sequence[Term], covariance: bool = True)
     """The completed model: the start and the effects of ``terms`` fitted on all training rows."""
     x = refit(evidence, terms)
     return evidence.base.adding(
-        effects_of(evidence, terms, x, covariance_with_settings(evidence, terms, x) if covariance else None)
+        effects_of(evidence, terms, x, published_covariance(evidence, terms, x) if covariance else None)
     )

@@ -8,7 +8,7 @@ model as found and for the one without contradicted names.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t as student
@@ -20,6 +20,9 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.trace import Judge, difference_error
 from hybrid_dynamics.types import Array
+
+#: A smaller share of the mean square error is no difference in practice.
+PRACTICAL = 0.01
 
 
 @dataclass(frozen=True)
@@ -33,18 +36,21 @@ class TestChange:
     per_joint: Array
 
 
-def test_change(judge: Judge, tests: Sequence[Run], full: Model, without: Model) -> TestChange:
-    """Compare two models on ``tests``, over rows in which the joint moves, weighted as the fit was."""
+def test_change(judge: Judge, tests: Sequence[Run], full: Model, without: Model, names: int) -> TestChange:
+    """Compare two models on ``tests``, over rows in which the joint moves, weighted as the fit was.
+
+    ``names``: how many are asked; of so many, one is contradicted by chance no more often than a single one would be.
+    """
     weights = judge.evidence.weights
     new, old = ([(run.tau - predict_run(m, run)) * run.mask for run in tests] for m in (full, without))
     after, before = (np.sum([np.sum(e**2, axis=0) for e in part], axis=0) for part in (new, old))
     change, size = float((after - before) @ weights), max(float(before @ weights), 1e-300)
     spread, blocks = difference_error(new, old, [run.time for run in tests], judge.settings.block, weights)
-    level = float(student.ppf(1.0 - judge.settings.confirmation, max(blocks - 1, 1)))
+    level = float(student.ppf(1.0 - judge.settings.confirmation / max(names, 1), max(blocks - 1, 1)))
     return TestChange(
         change / size,
         spread / size,
-        change > level * spread and change > 0.01 * float(after @ weights),
+        change > level * spread and change > PRACTICAL * float(after @ weights),
         (after - before) / np.maximum(before, 1e-300),
     )
 
@@ -63,14 +69,17 @@ def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequenc
     """Ask the test runs about every name in ``full``, the model of what was ``found`` on top of ``base``.
 
     The most contradicted name goes first and the rest are asked again without it. A joint that still ends worse than it
-    began loses the names that make it so: its own, and those of others that help nothing on the whole.
+    began loses the names that make it so: its own, and those of others that help neither theirs nor the whole.
     """
     changes: dict[Term, TestChange] = {}
     kept, refused, model = list(found.terms), [], full
+    names = len(kept)
     while kept:
-        asked = {s: test_change(judge, tests, model, found.model([o for o in kept if o != s], False)) for s in kept}
-        for s, change in asked.items():
-            changes.setdefault(s, change)
+        asked: dict[Term, TestChange] = {}
+        for s in kept:
+            change = test_change(judge, tests, model, found.model([o for o in kept if o != s], False), names)
+            asked[s] = replace(change, contradicts=change.contradicts and not _helps_its_joint(s, change))
+            changes.setdefault(s, asked[s])
         against = [s for s in kept if asked[s].contradicts] or _worse_joints(judge, base, model, kept, asked, tests)
         if not against:
             break
@@ -83,6 +92,16 @@ def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequenc
     return Confirmation(changes, tuple(refused), model.with_inactive(inactive))
 
 
+def _helps_its_joint(term: Term, change: TestChange) -> bool:
+    """True where an effect of one joint makes that joint better on the test runs.
+
+    What gets worse elsewhere is then a body's doing, which the re-fit without the effect moved.
+    """
+    if term.joint is None or term.family().changes_body:
+        return False
+    return bool(change.per_joint[term.joint] < -PRACTICAL)
+
+
 def _worse_joints(
     judge: Judge,
     base: Model,
@@ -93,9 +112,9 @@ def _worse_joints(
 ) -> list[Term]:
     """Names on joints that end surely worse than they began and would be better without them.
 
-    A name of another joint that makes them so goes where it helps nothing on the whole.
+    A name of another joint that makes them so goes where it helps neither its own joint nor the whole.
     """
-    change = test_change(judge, tests, model, base)
+    change = test_change(judge, tests, model, base, 1)
     worse = np.flatnonzero(change.per_joint > 0.05)
-    harmful = [s for s in kept if np.any(asked[s].per_joint[worse] > 0.01)]
-    return [s for s in harmful if s.joint in worse or asked[s].relative > 0]
+    harmful = [s for s in kept if np.any(asked[s].per_joint[worse] > PRACTICAL)]
+    return [s for s in harmful if s.joint in worse or (asked[s].relative > 0 and not _helps_its_joint(s, asked[s]))]

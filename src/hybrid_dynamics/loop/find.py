@@ -18,7 +18,7 @@ from hybrid_dynamics.loop.prune import choose, complete, from_everything, in_err
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.scale import gain_for_links
 from hybrid_dynamics.loop.search import Step, choose_signs, search
-from hybrid_dynamics.loop.tangents import covariance_with_settings
+from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.types import Array
 
@@ -43,7 +43,7 @@ class Found:
     def effects(self, covariance: bool = True) -> list[Effect]:
         """With published parameters and standard errors."""
         evidence = self.judge.evidence
-        own = covariance_with_settings(evidence, self.terms, self.x) if covariance else None
+        own = published_covariance(evidence, self.terms, self.x) if covariance else None
         return effects_of(evidence, self.terms, self.x, own)
 
     def model(self, terms: Sequence[Term], covariance: bool = True) -> Model:

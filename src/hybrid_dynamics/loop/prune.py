@@ -148,19 +148,17 @@ def complete(
 ) -> list[Term]:
     """``chosen`` with plain friction, offset and armature where they are expected and the data says so.
 
-    A common family (``common``, and what sits on most joints) is one cause: on each other joint its parameter must
-    exceed its own standard error at the level of n questions. Where a body of the model acts, each plain family is
-    asked at the level of all these places, for a torque of practical size: what is left out there is taken up by the
-    body, which then predicts other poses wrongly. Held-out runs must not speak against it; in short runs a held-out
-    part may hold motions that the rest does not know, so a gain there is much to ask of a name that is expected.
+    Each plain family is asked on every joint at the level of all these places, for a torque of practical size: where
+    a body acts it takes up what is left out, and then predicts other poses wrongly. A common family (``common``, and
+    what sits on most joints) is one cause: on each other joint its parameter must exceed its own standard error at the
+    level of n questions. Held-out runs must not speak against it; in short runs a held-out part may hold motions that
+    the rest does not know, so a gain there is much to ask of a name that is expected.
     """
     evidence = judge.evidence
     out = list(chosen)
     moving = [int(j) for j in np.flatnonzero(evidence.samples >= FEWEST_ROWS)]
     plain = sorted({t.effect for t in evidence.columns.terms if t.family().everywhere})
-    bodies = [t for t in out if t.family().changes_body]
-    loaded = {j for j in moving if any(evidence.acts(t)[j] for t in bodies)}
-    out = _with_sure(judge, out, candidates, [(n, j) for n in plain for j in moving if j in loaded], sizeable=True)
+    out = _with_sure(judge, out, candidates, [(n, j) for n in plain for j in moving], sizeable=True)
     sits = Counter(s.effect for s in out if s.joint is not None and s.family().everywhere)
     for name in sorted(_on_most(sits, len(moving)) | set(common)):
         out = _with_sure(judge, out, candidates, [(name, j) for j in moving])

@@ -3,7 +3,8 @@
 All links' parameters together can make any multiple of the rigid-body torque, so a gain of the whole recording ends as
 links that are all heavier by the same factor. Where one factor is most of what the links would have to change by, the
 gain is the simpler cause: it leaves the links near what the URDF says. Links that are off as links are off each in its
-own way: they ask every joint for another factor.
+own way: they ask every joint for another factor, and a factor that they have in common by chance is no larger than
+their scatter makes it (:mod:`.factor`).
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.factor import common_factor
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.types import Array
@@ -35,7 +38,13 @@ def gain_for_links(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     gain = _gain(judge)
     if not links or gain is None or gain in chosen:
         return list(chosen)
-    if not _one_factor(judge, chosen, links, refit(evidence, chosen)):
+    x = refit(evidence, chosen)
+    if not _one_factor(judge, chosen, links, x):
+        return list(chosen)
+    factor = common_factor(evidence, chosen, x, evidence.covariance(chosen, x))
+    # Links that are off each in its own way have some factor in common by chance, too.
+    level = float(student.ppf(1.0 - judge.settings.significance, max(factor.links - 1, 1))) if factor else np.inf
+    if factor is None or abs(factor.value) <= level * factor.error:
         return list(chosen)
     evidence.add_terms([gain])
     refit(evidence, chosen, everything=True)

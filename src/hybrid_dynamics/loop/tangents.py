@@ -9,8 +9,32 @@ import numpy as np
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.factor import common_factor, links_of, own_parameters, shared_gain
 from hybrid_dynamics.loop.jackknife import covariance_of
 from hybrid_dynamics.types import Array
+
+
+def published_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) -> Array:
+    """:func:`covariance_with_settings`, and beside all links' parameters what makes a gain of all joints uncertain.
+
+    The two can make the same torque; where one ends and the other begins only the links of the starting model say
+    (:mod:`.factor`). A larger gain goes with lighter links and less friction, so those are as uncertain.
+    """
+    covariance = covariance_with_settings(evidence, terms, x)
+    layout = evidence.layout(terms)
+    place, found = shared_gain(layout), links_of(layout)
+    if place is None or found is None:
+        return covariance
+    factor = common_factor(evidence, terms, x, covariance[: layout.total, : layout.total])
+    assert factor is not None
+    links, own = found
+    along = np.zeros(len(covariance))
+    for term, start in zip(layout.terms, layout.starts, strict=True):
+        if term.family().everywhere:
+            along[start : start + term.size] = -x[start : start + term.size] / (1.0 + x[place])
+    along[own] = -(own_parameters(evidence, links) + x[own]) / (1.0 + x[place])
+    along[place] = 1.0
+    return np.asarray(covariance + factor.error**2 * np.outer(along, along))
 
 
 def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array) -> Array:
