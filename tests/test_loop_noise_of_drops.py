@@ -17,10 +17,11 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.blocks import folds_of
 from hybrid_dynamics.loop.confirm import test_change as change_on_tests
 from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.further import at_the_end
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.prune import complete, keep_sure
-from hybrid_dynamics.loop.trace import Gain, Judge
+from hybrid_dynamics.loop.trace import Gain, Judge, joined
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitations
 
@@ -167,3 +168,41 @@ def test_a_longer_step_stays_within_what_physics_allows(monkeypatch: pytest.Monk
     judge.evidence.add_terms(late)
     x, layout = refit(judge.evidence, late), judge.evidence.layout(late)
     assert judge.evidence.constraints(layout).satisfied(x)
+
+
+def test_a_spring_that_pushes_away_is_none_whatever_the_data_wants() -> None:
+    away = [Effect("joint_spring", (SHOULDER,), {"stiffness": -2.0, "rest_position": 3.0}, {"shape": "linear"})]
+    judge, _ = judged(away)
+    springs = {s: Term("joint_spring", 0, (("shape", s),)) for s in ("linear", "sine")}
+    judge.evidence.add_terms(list(springs.values()))
+    refit(judge.evidence, [springs["linear"]])
+    assert prune._forced(judge, [springs["linear"]]) == {springs["linear"]}
+    # Control: what pulls back as softly is a spring, and a sine may have its rest anywhere.
+    back = [replace(away[0], parameters={"stiffness": 2.0, "rest_position": 3.0})]
+    other, _ = judged(back)
+    other.evidence.add_terms(list(springs.values()))
+    assert refit(other.evidence, [springs["linear"]])[0] == pytest.approx(2.0, rel=0.05)
+    for some in (judge, other):
+        refit(some.evidence, [springs["sine"]])
+        assert not prune._forced(some, [springs["sine"]])
+
+
+def test_a_law_at_the_end_of_its_range_stands_for_something_else() -> None:
+    def at(velocity: float) -> Term:
+        return Term("stribeck_friction", 0, (("stribeck_velocity", velocity),))
+
+    assert at_the_end([at(0.01), at(0.1), at(0.99), at(1.0)]) == [at(0.01), at(0.99), at(1.0)]
+    assert at_the_end([Term("viscous_friction", 0)]) == []
+
+
+def test_where_a_spring_rests_is_no_offset_beside_it() -> None:
+    effects = [Effect("joint_spring", (SHOULDER,), {"stiffness": 2.0, "rest_position": 0.4}, {"shape": "linear"})]
+    judge, terms = judged(effects)
+    springs = {s: Term("joint_spring", 0, (("shape", s),)) for s in ("linear", "sine")}
+    judge.evidence.add_terms(list(springs.values()))
+    constant = plain("torque_offset", 0, terms)
+    assert joined([constant], springs["linear"]) == [springs["linear"]]
+    refit(judge.evidence, [springs["linear"]])
+    assert complete(judge, [springs["linear"]], terms) == [springs["linear"]]
+    # Control: a spring on a crank has no mean torque, so a constant beside it is another cause.
+    assert joined([constant], springs["sine"]) == [constant, springs["sine"]]

@@ -2,7 +2,8 @@
 
 Setting ``shape``: ``linear`` k (q - q0); ``sine`` k sin(q - q0), a spring on a crank, stiffness k >= 0 at the rest
 position; ``piecewise``: continuous, one stiffness in each piece between the positions of setting ``knots`` and beyond
-the outer ones the outer pieces', zero at the rest position.
+the outer ones the outer pieces', zero at the rest position. Every stiffness is positive: a spring pulls back. What
+drives a joint away from a position, as gravity does, is a sine of it, and does not grow without end.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from hybrid_dynamics.types import Array
 SHAPE, KNOTS = "shape", "knots"
 LINEAR, SINE, PIECEWISE = "linear", "sine", "piecewise"
 _PIECES = 3
+#: A softer spring [N m/rad] is a constant torque.
+SOFTEST = 1e-3
 
 
 @register
@@ -34,6 +37,7 @@ class JointSpring(Family):
     parameters = (Parameter("stiffness", "N m/rad"), Parameter("rest_position", "rad"))
     size = 2
     searched = False
+    contains = ("torque_offset",)
     drawn_against = "q"
     shown_by = "the joint moves slowly over its whole range, the joints before it in several postures"
     equivalent_to = (
@@ -64,6 +68,10 @@ class JointSpring(Family):
             for j, own in knots.items()
             if own[-1] - own[0] > 0.3 and all(b > a for a, b in pairwise(own))
         ]
+
+    def covers(self, term: Term, special: Term) -> bool:
+        # A constant torque is where a spring rests; a sine's mean is nothing.
+        return super().covers(term, special) and term.options[SHAPE] != SINE
 
     def size_of(self, term: Term) -> int:
         return len(term.options[KNOTS]) if term.options.get(SHAPE) == PIECEWISE else 2
@@ -130,6 +138,12 @@ class JointSpring(Family):
         knots = settings[KNOTS]
         own = np.array([parameters[f"stiffness_{k + 1}"] for k in range(len(knots) - 1)])
         return np.append(own, sum(s * _part(np, rest, knots, k) for k, s in enumerate(own)))
+
+    def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
+        size = self.size if term is None else term.size
+        if term is not None and term.options[SHAPE] == SINE:
+            return np.full(size, -np.inf)
+        return np.append(np.full(size - 1, SOFTEST), -np.inf)
 
     def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         rest = float(rng.uniform(-0.5, 0.5))

@@ -11,7 +11,7 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.forms import choose_forms
-from hybrid_dynamics.loop.further import further_candidates, refine, simplify
+from hybrid_dynamics.loop.further import at_the_end, further_candidates, refine, simplify
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.prune import choose, complete, from_everything, in_errors, keep_sure, without_noise
@@ -19,7 +19,7 @@ from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.scale import gain_for_links
 from hybrid_dynamics.loop.search import Step, choose_signs, search
 from hybrid_dynamics.loop.tangents import published_covariance
-from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.trace import Judge, same_place
 from hybrid_dynamics.types import Array
 
 #: A joint whose held-out mean square exceeds that of the floor by this share has something left to find.
@@ -77,10 +77,9 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         chosen = list(further[-1].terms)
     candidates = [*candidates, *further_candidates(judge, chosen)]
     if len({s.place for s in candidates}) > looked:
-        further = search(judge, candidates, report, chosen)
-        steps += further
-        chosen = refine(judge, further[-1].terms)
         looked = len({s.place for s in candidates})
+        chosen, further = _refined(judge, chosen, candidates, report)
+        steps += further
     chosen = choose_forms(judge, simplify(judge, chosen, candidates))
     held = judge.mean_square(evidence.held(chosen, physical=True))
     if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
@@ -99,6 +98,20 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     chosen = gain_for_links(judge, without_noise(judge, complete(judge, chosen, candidates, common)))
     chosen = without_noise(judge, choose_signs(judge, chosen))
     return Found(chosen, refit(evidence, chosen), [], [*steps, *weak], [], judge)
+
+
+def _refined(
+    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], report: Callable[[Step], None]
+) -> tuple[list[Term], list[Step]]:
+    """Search on from ``chosen`` and refine; without what ends where no such law is, once more."""
+    steps = search(judge, candidates, report, chosen)
+    found = refine(judge, steps[-1].terms)
+    if implausible := at_the_end(found):
+        rest = [c for c in candidates if not any(same_place(c, t) for t in implausible)]
+        steps += search(judge, rest, report, [t for t in found if t not in implausible])
+        found = refine(judge, steps[-1].terms)
+        implausible = at_the_end(found)
+    return [t for t in found if t not in implausible], steps
 
 
 def _both_ends(

@@ -31,6 +31,8 @@ MOST_INSTEAD = 6
 _ROWS = 4000
 #: Steps of the refinement of one nonlinear parameter.
 _STEPS = 14
+#: A nonlinear parameter this near to the end of its range, as a share of it, stands at that end.
+AT_END = 0.02
 
 
 def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
@@ -114,6 +116,20 @@ def _span(judge: Judge, term: Term) -> float:
     """Range [rad] of positions that the joint of ``term`` has in the training runs."""
     q = [run.q[:, term.index] for run in judge.evidence.runs]
     return float(max(map(np.max, q)) - min(map(np.min, q)))
+
+
+def at_the_end(terms: Sequence[Term]) -> list[Term]:
+    """Those of ``terms`` with a nonlinear parameter at the end of what is plausible: they stand for something else."""
+    out = []
+    for term in terms:
+        for r in term.family().nonlinear_settings:
+            value, low, high = float(term.options[r.name]), r.low, r.high
+            if r.log:
+                value, low, high = np.log(value), np.log(low), np.log(high)
+            if not AT_END < (value - low) / (high - low) < 1 - AT_END:
+                out.append(term)
+                break
+    return out
 
 
 def refine(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
