@@ -10,9 +10,11 @@ import pytest
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.factor import common_factor, own_parameters
-from hybrid_dynamics.loop.prepare import read_motion
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.scale import links_for_gain
 from hybrid_dynamics.loop.tangents import covariance_with_settings, published_covariance
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation
@@ -40,6 +42,12 @@ def _runs(robot: Robot, gain: float) -> list[Trajectory]:
         run = excitation(robot, [links], duration=8.0, seed=k, name=f"r{k}", split="test" if k == 2 else "train")
         out.append(run.with_signals(tau=gain * run["tau"]))
     return out
+
+
+def _plain_runs(robot: Robot) -> list[Trajectory]:
+    return [
+        excitation(robot, [], duration=8.0, seed=k, name=f"r{k}", split="test" if k == 2 else "train") for k in range(3)
+    ]
 
 
 @pytest.mark.slow
@@ -77,6 +85,20 @@ def test_asked_on_top_of_a_gain_an_effect_has_its_own_size(panda: Robot) -> None
     assert [(e.effect, e.joints) for e in found] == [("viscous_friction", ("panda_joint3",))]
     assert found[0].parameters["viscous_coefficient"] == pytest.approx(3.0, rel=0.02)
     assert result.diagnosis.verdict == "explained"
+
+
+@pytest.mark.parametrize(("scatter", "gain"), [(True, False), (False, True)])
+def test_a_gain_that_stands_for_a_few_heavier_links_gives_way_to_them(panda: Robot, scatter: bool, gain: bool) -> None:
+    settings = LoopSettings()
+    # Links off by up to a fifth each, read as they are; or links as in the URDF, read 1.25 times too large.
+    runs = _runs(panda, 1.0) if scatter else [r.with_signals(tau=GAIN * r["tau"]) for r in _plain_runs(panda)]
+    judge, _, _ = gather(Model(panda), read_motion(panda, runs[:2], runs[2:], settings), settings)
+    shared = Term("torque_gain", None)
+    judge.evidence.add_terms([shared])
+    refit(judge.evidence, [shared])
+    found = links_for_gain(judge, [shared])
+    assert (found == [shared]) is gain
+    assert any(t.effect == "inertial_parameters" for t in found) is not gain
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.prune import choose, complete, from_everything, in_errors, keep_sure, without_noise
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
-from hybrid_dynamics.loop.scale import gain_for_links
+from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, choose_signs, search
 from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.loop.trace import Judge, same_place
@@ -95,7 +95,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         evidence.fold_by_run()
     refit(evidence, chosen)
     chosen, common, weak = keep_sure(judge, _drop_guesses(judge, chosen), looked, report)
-    chosen = gain_for_links(judge, without_noise(judge, complete(judge, chosen, candidates, common)))
+    chosen = complete(judge, links_for_gain(judge, chosen), candidates, common)
+    chosen = gain_for_links(judge, without_noise(judge, chosen))
     chosen = without_noise(judge, choose_signs(judge, chosen))
     return Found(chosen, refit(evidence, chosen), [], [*steps, *weak], [], judge)
 

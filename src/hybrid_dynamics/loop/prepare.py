@@ -26,8 +26,9 @@ from hybrid_dynamics.types import Array
 OUTLIER_REACH = 2.0
 #: Share of samples that repeat the one before, beyond which a torque was recorded in steps wider than its noise.
 MOST_REPEATS = 0.5
-#: A torque whose spread is below this many of its steps is rounded along with the motion.
-STEPS = 0.5
+#: A torque whose spread is below this many of its steps is rounded along with the motion; beyond this many, what is
+#: rounded away is as good as noise (Widrow, 1956: it follows the torque by exp(-2 pi^2) for a spread of one step).
+STEPS, MANY_STEPS = 0.5, 1.0
 
 
 @dataclass(frozen=True)
@@ -96,9 +97,11 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     floor = np.where(seen, np.maximum(np.maximum(noise_floor(evidence), low), least), 0.0)
     evidence.weigh(floor)
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
-    # What rounding takes away follows the motion, up to half a step where the torque hardly leaves one
-    # (Widrow, 1956: beyond, it is as good as noise): a change within it is no news either.
-    within = np.where(torque.std(axis=0) < STEPS * logs.step, logs.step / 2, logs.rounding)
+    # What rounding takes away follows the motion, up to half a step where the torque hardly leaves one: a change
+    # within it is no news either. Where the torque goes through many steps it is part of the noise.
+    spread = torque.std(axis=0)
+    within = np.where(spread < STEPS * logs.step, logs.step / 2, logs.rounding)
+    within = np.where(spread < MANY_STEPS * logs.step, within, 0.0)
     misfit = np.maximum(misfit, within)
     return Judge(evidence, settings, floor, torque.var(axis=0), misfit, np.maximum(low, least)), terms, notes
 

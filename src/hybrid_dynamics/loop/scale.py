@@ -18,7 +18,7 @@ from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.factor import common_factor
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.trace import Judge, joined
 from hybrid_dynamics.types import Array
 
 #: One factor must be at least this share of what the links' torque changes by, and differ from one by this much.
@@ -38,19 +38,46 @@ def gain_for_links(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     gain = _gain(judge)
     if not links or gain is None or gain in chosen:
         return list(chosen)
-    x = refit(evidence, chosen)
-    if not _one_factor(judge, chosen, links, x):
-        return list(chosen)
-    factor = common_factor(evidence, chosen, x, evidence.covariance(chosen, x))
-    # Links that are off each in its own way have some factor in common by chance, too.
-    level = float(student.ppf(1.0 - judge.settings.significance, max(factor.links - 1, 1))) if factor else np.inf
-    if factor is None or abs(factor.value) <= level * factor.error:
+    if not _surely_one_factor(judge, chosen, links):
         return list(chosen)
     evidence.add_terms([gain])
     refit(evidence, chosen, everything=True)
     trial = [*chosen, gain]
     good = judge.as_good(evidence.held(trial, physical=True), evidence.held(chosen, physical=True))
     return trial if good and take(judge, chosen, trial) else list(chosen)
+
+
+def links_for_gain(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
+    """``chosen`` with all links' parameters in the place of a gain of all joints that is no more than what links that
+    are off each in its own way have in common.
+
+    One number for all joints is cheap, so a search takes it for a few heavier links. Nothing changes where the links
+    predict held-out samples worse, or may not be named.
+    """
+    evidence = judge.evidence
+    gain = _gain(judge)
+    links = [t for t in evidence.columns.terms if t.family().all_links]
+    if gain not in chosen or not links or any(t in chosen for t in links):
+        return list(chosen)
+    trial = joined([t for t in chosen if t != gain], links[0])
+    if _surely_one_factor(judge, trial, links[:1]):
+        refit(evidence, chosen)
+        return list(chosen)
+    refit(evidence, chosen)
+    good = judge.as_good(evidence.held(trial, physical=True), evidence.held(chosen, physical=True))
+    return trial if good and take(judge, chosen, trial) else list(chosen)
+
+
+def _surely_one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term]) -> bool:
+    """Whether ``links`` change by one factor, and by more than the scatter of links makes it by chance."""
+    evidence = judge.evidence
+    x = refit(evidence, chosen)
+    if not _one_factor(judge, chosen, links, x):
+        return False
+    factor = common_factor(evidence, chosen, x, evidence.covariance(chosen, x))
+    assert factor is not None
+    level = float(student.ppf(1.0 - judge.settings.significance, max(factor.links - 1, 1)))
+    return abs(factor.value) > level * factor.error
 
 
 def _gain(judge: Judge) -> Term | None:

@@ -279,8 +279,7 @@ def _judged(judge: Judge, term: Term, terms: Sequence[Term], before: Held, after
 
 def has_family(terms: Sequence[Term], name: str, joint: int) -> bool:
     """True where one of ``terms`` is the family ``name`` on ``joint``, or holds it as a special case."""
-    own = Term(name, joint)
-    return any(t.joint == joint and (t.effect == name or covers(t, own)) for t in terms)
+    return any(t.joint == joint and (t.effect == name or name in t.family().contains) for t in terms)
 
 
 def covers(general: Term, special: Term) -> bool:
