@@ -227,7 +227,7 @@ def _common(judge: Judge, current: Sequence[Term], gains: dict[Term, Gain], look
 
 
 def without_noise(judge: Judge, current: Sequence[Term]) -> list[Term]:
-    """``current`` without terms of one coefficient below its own standard error, the least first: no result."""
+    """``current`` without terms all of whose coefficients are below their own standard errors, the least first."""
     kept = list(current)
     while True:
         x = refit(judge.evidence, kept)
@@ -238,12 +238,13 @@ def without_noise(judge: Judge, current: Sequence[Term]) -> list[Term]:
 
 
 def in_errors(judge: Judge, current: Sequence[Term], x: Array) -> dict[Term, float]:
-    """Size of every term of one coefficient at coordinates ``x`` in its own standard errors, as they are published."""
+    """The surest coefficient of every term but bodies at coordinates ``x``, in its own standard errors."""
     evidence = judge.evidence
     spread = np.sqrt(np.maximum(np.diag(covariance_with_settings(evidence, current, x)), 1e-300))
     layout = evidence.layout(current)
     places = zip(layout.terms, layout.starts, strict=True)
-    return {t: float(abs(x[start]) / spread[start]) for t, start in places if t.size == 1}
+    sizes = np.abs(x) / spread[: len(x)]
+    return {t: float(sizes[start : start + t.size].max()) for t, start in places if not t.family().is_body}
 
 
 def _forced(judge: Judge, current: Sequence[Term]) -> set[Term]:

@@ -7,7 +7,8 @@
   function colours() {
     const style = getComputedStyle(document.documentElement);
     const of = (name) => style.getPropertyValue(name).trim();
-    return { ink: of("--ink"), muted: of("--muted"), line: of("--line"), paper: of("--paper"), after: of("--after") };
+    return { ink: of("--ink"), muted: of("--muted"), line: of("--line"), paper: of("--paper"), after: of("--after"),
+      dark: matchMedia("(prefers-color-scheme: dark)").matches && !matchMedia("print").matches };
   }
 
   function paint(model, c) {
@@ -32,6 +33,8 @@
         break;
     }
     if (model.tags && model.tags.includes("after")) model.line_color = c.after;
+    // A run's points: its colour on the light page, then on the dark one.
+    if (model.tags && model.tags[0] === "run") model.fill_color = model.tags[c.dark ? 2 : 1];
     // Measured torque and what is missing are drawn in the page's ink.
     if (model.tags && model.tags.includes("ink")) {
       for (const name of ["line_color", "fill_color"]) if (name in model.attributes) model[name] = c.ink;

@@ -18,6 +18,8 @@ from hybrid_dynamics.types import Array
 
 BEFORE, AFTER, BAND = "#d55e00", "#0072b2", "#56b4e9"
 RUN_COLOURS = ("#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d1f", "#999999")
+#: The same on the dark page, where the darker ones would drown.
+RUN_COLOURS_DARK = ("#2fd6a3", "#e6a9ca", "#e69f00", "#56b4e9", "#cbaa52", "#bbbbbb")
 RUN_MARKERS = ("circle", "square", "triangle", "diamond", "inverted_triangle", "hex")
 #: Bins over which a law is drawn as a line with the span it covers.
 BINS = 60
@@ -31,6 +33,7 @@ CURVE_HEIGHT, TORQUE_HEIGHT, STRIP_HEIGHT = 300, 230, 120
 
 
 def _figure(title: str, x: str, y: str, height: int, **options: Any) -> Any:
+    from bokeh.models import PrintfTickFormatter
     from bokeh.models.annotations import Title
     from bokeh.plotting import figure
 
@@ -55,6 +58,8 @@ def _figure(title: str, x: str, y: str, height: int, **options: Any) -> Any:
     for axis in (made.xaxis, made.yaxis):
         axis.axis_label_text_font_style = "normal"
         axis.axis_label_text_font_size = "12px"
+        # Four digits, and zero as 0: by itself a small axis reads 0.000e+0.
+        axis.formatter = PrintfTickFormatter(format="%.4g")
     assert isinstance(made.title, Title)
     made.title.text_font_size = "13px"
     return made
@@ -166,20 +171,21 @@ def _curve_template(runs: int) -> dict[str, Any]:
     points = []
     for k in range(runs):
         source = ColumnDataSource({name: [blank(f"{name}{k}")] for name in ("x", "missing", "added")})
-        points.append(
-            made.scatter(
-                "x",
-                "missing",
-                source=source,
-                size=4,
-                marker=RUN_MARKERS[k % len(RUN_MARKERS)],
-                color=RUN_COLOURS[k % len(RUN_COLOURS)],
-                alpha=0.85,
-                line_alpha=0.0,
-                legend_label=blank(f"label{k}"),
-                name=blank(f"run{k}"),
-            )
+        own = k % len(RUN_COLOURS)
+        drawn_points = made.scatter(
+            "x",
+            "missing",
+            source=source,
+            size=4,
+            marker=RUN_MARKERS[k % len(RUN_MARKERS)],
+            color=RUN_COLOURS[own],
+            alpha=0.85,
+            line_alpha=0.0,
+            legend_label=blank(f"label{k}"),
+            name=blank(f"run{k}"),
         )
+        drawn_points.glyph.tags = ["run", RUN_COLOURS[own], RUN_COLOURS_DARK[own]]
+        points.append(drawn_points)
     law = ColumnDataSource({"x": [blank("law_x")], "y": [blank("law")]})
     line = made.line("x", "y", source=law, color=AFTER, line_width=2.5, legend_label="law that was added")
     line.glyph.tags = ["after"]
