@@ -206,3 +206,18 @@ def test_where_a_spring_rests_is_no_offset_beside_it() -> None:
     assert complete(judge, [springs["linear"]], terms) == [springs["linear"]]
     # Control: a spring on a crank has no mean torque, so a constant beside it is another cause.
     assert joined([constant], springs["sine"]) == [constant, springs["sine"]]
+
+
+def test_in_the_end_plain_effects_are_as_sure_as_all_joints_ask_for() -> None:
+    friction = Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.4})
+    judge, terms = judged([friction])
+    plainest = [t for t in terms if t.family().everywhere and not t.settings]
+    level = judge.level(judge.evidence.n, len(judge.evidence.blocks))
+    kept = prune.without_noise(judge, plainest, sure=True)
+    sizes = prune.in_errors(judge, kept, refit(judge.evidence, kept))
+    assert plain("viscous_friction", 1, terms) in kept
+    assert min(sizes.values()) >= level > 1.0
+    # Control: what is merely no result by itself stays otherwise.
+    loose = prune.without_noise(judge, plainest)
+    assert min(prune.in_errors(judge, loose, refit(judge.evidence, loose)).values()) >= 1.0
+    assert len(loose) > len(kept)

@@ -97,7 +97,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     chosen, common, weak = keep_sure(judge, _drop_guesses(judge, chosen), looked, report)
     chosen = complete(judge, links_for_gain(judge, chosen), candidates, common)
     chosen = gain_for_links(judge, without_noise(judge, chosen))
-    chosen = without_noise(judge, choose_signs(judge, chosen))
+    chosen = without_noise(judge, choose_signs(judge, chosen), sure=True)
     return Found(chosen, refit(evidence, chosen), [], [*steps, *weak], [], judge)
 
 

@@ -72,12 +72,13 @@ def _surely_one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Ter
     """Whether ``links`` change by one factor, and by more than the scatter of links makes it by chance."""
     evidence = judge.evidence
     x = refit(evidence, chosen)
-    if not _one_factor(judge, chosen, links, x):
+    multiple = _one_factor(judge, chosen, links, x)
+    if multiple is None:
         return False
     factor = common_factor(evidence, chosen, x, evidence.covariance(chosen, x))
     assert factor is not None
     level = float(student.ppf(1.0 - judge.settings.significance, max(factor.links - 1, 1)))
-    return abs(factor.value) > level * factor.error
+    return bool(min(factor.value * np.sign(multiple), abs(multiple)) > level * factor.error)
 
 
 def _gain(judge: Judge) -> Term | None:
@@ -89,8 +90,8 @@ def _gain(judge: Judge) -> Term | None:
     return None
 
 
-def _one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term], x: Array) -> bool:
-    """Whether the torque of ``links`` is a multiple of the starting model's, on the whole and on most joints alike."""
+def _one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term], x: Array) -> float | None:
+    """The multiple of the starting model's torque that ``links`` make, where on most joints it is about the same."""
     evidence = judge.evidence
     layout = evidence.layout(chosen)
     only = np.zeros_like(x)
@@ -108,4 +109,4 @@ def _one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term], x: 
     changed = (judge.floor > 0) & (whole > evidence.samples * judge.floor**2)
     near = np.abs(product / np.maximum(own, 1e-300) - factor) <= NEAR * abs(factor)
     alike = changed.sum() > 1 and float(np.mean(near[changed])) >= AGREEING
-    return abs(factor) >= LEAST and share >= SHARE and bool(alike)
+    return factor if abs(factor) >= LEAST and share >= SHARE and alike else None
