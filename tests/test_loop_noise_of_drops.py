@@ -17,7 +17,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.blocks import folds_of
 from hybrid_dynamics.loop.confirm import test_change as change_on_tests
 from hybrid_dynamics.loop.find import Found
-from hybrid_dynamics.loop.further import at_the_end
+from hybrid_dynamics.loop.further import at_the_end, further_candidates
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.prune import complete, keep_sure
@@ -221,3 +221,17 @@ def test_in_the_end_plain_effects_are_as_sure_as_all_joints_ask_for() -> None:
     loose = prune.without_noise(judge, plainest)
     assert min(prune.in_errors(judge, loose, refit(judge.evidence, loose)).values()) >= 1.0
     assert len(loose) > len(kept)
+
+
+def test_a_curved_law_is_asked_against_what_it_may_stand_for() -> None:
+    wanted = {"coulomb_torque": 0.4, "static_torque": 0.9, "stribeck_velocity": 0.15}
+    judge, terms = judged([Effect("stribeck_friction", (ELBOW,), wanted)])
+    names = ("coulomb_friction", "viscous_friction", "nonlinear_viscous_friction")
+    chosen = [plain(name, 1, terms) for name in names]
+    offered = [t for t in further_candidates(judge, chosen) if t.effect == "stribeck_friction" and t.joint == 1]
+    fitted = [float(t.options["stribeck_velocity"]) for t in offered]
+    assert any(v == pytest.approx(0.15, rel=0.1) for v in fitted)
+    # Control: where nothing curved is named, only the grid that a search starts from.
+    other, terms = judged([Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.4})])
+    plainly = further_candidates(other, [plain("viscous_friction", 1, terms)])
+    assert {t.options["stribeck_velocity"] for t in plainly if t.effect == "stribeck_friction"} <= {0.03, 0.1, 0.3}

@@ -7,7 +7,7 @@ search and are refined afterwards.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,10 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     # A body of one link has many numbers: it may stand for a wrong zero or a spring of its joint, and leave nothing.
     bodies = [s for s in chosen if s.family().is_body and s.joint is not None]
     bodily = np.isin(np.arange(evidence.n), [s.index for s in bodies]) & (judge.floor > 0)
-    if not np.any(left | bodily) or not settings.further:
+    # So may a law of one joint with several numbers for the one that its family says it is like.
+    flexible = [s for s in chosen if s.joint is not None and s.size > 1 and s not in bodies and s.family().searched]
+    curved = np.isin(np.arange(evidence.n), [s.index for s in flexible]) & (judge.floor > 0)
+    if not np.any(left | bodily | curved) or not settings.further:
         return []
     motions, rest = [], []
     for run, r in zip(evidence.runs, residual, strict=True):
@@ -57,6 +60,7 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     for name in settings.further:
         kind = family(name)
         where = left | bodily if _like_a_body(kind) else left
+        where = where | np.isin(np.arange(evidence.n), [s.index for s in flexible if _alike(s, name)])
         if where.any():
             terms += kind.terms(evidence.robot, where, settings.options)
             terms += kind.propose([run.name for run in evidence.runs], motions, rest, where)
@@ -69,7 +73,19 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
         alike = [s for s in terms if _like_a_body(s.family())]
         instead = _promising(judge, [s for s in chosen if s not in bodies], alike, MOST_INSTEAD)
         found += [s for s in instead if s not in found]
+    for own in flexible:
+        without = [s for s in chosen if s != own]
+        alike = [s for s in terms if s.joint == own.joint and _alike(own, s.effect)]
+        for best in _promising(judge, without, alike, 1):
+            # Judged against a law whose numbers are all fitted: on the coarse grid it would not have a chance.
+            fitted = refine(judge, joined(without, best), [best.place])
+            found += [s for s in fitted if s.place == best.place and s not in found]
     return found
+
+
+def _alike(term: Term, name: str) -> bool:
+    """True where the family of ``term`` says that ``name`` can make its torque."""
+    return any(name in known.effects for known in term.family().equivalent_to)
 
 
 def _like_a_body(kind: Family) -> bool:
@@ -132,14 +148,19 @@ def at_the_end(terms: Sequence[Term]) -> list[Term]:
     return out
 
 
-def refine(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
-    """``chosen`` with nonlinear parameters at the best value between their bounds, one after the other, twice."""
+def refine(judge: Judge, chosen: Sequence[Term], places: Collection[tuple[Any, ...]] | None = None) -> list[Term]:
+    """``chosen`` with nonlinear parameters at the best value between their bounds, one after the other, twice.
+
+    ``places``: only of the terms there.
+    """
     evidence = judge.evidence
     out = list(chosen)
     if not any(s.family().nonlinear_settings for s in out):
         return out
     for _ in range(2):
         for i, term in enumerate(out):
+            if places is not None and term.place not in places:
+                continue
             for r in term.family().nonlinear_settings:
                 start = float(out[i].options[r.name])
                 # A grid value is right to a factor of two or so; a harmonic to a quarter period over the range seen.

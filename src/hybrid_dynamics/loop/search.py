@@ -212,12 +212,12 @@ def _replace(
     best: tuple[float, list[Term]] | None = None
     for group in groups:
         rest = [s for s in current if s not in group]
-        price = judge.price(*group)
         for term in _rivals(likeness, group, rest, candidates):
             trial = joined(rest, term)
             if frozenset(trial) in seen:
                 continue
-            simpler = judge.price(term) < price
+            # Of the whole model: the newcomer may hold others as special cases.
+            simpler = judge.price(*trial) < judge.price(*current)
             screened = evidence.held(trial)
             # Most trials are far worse: that needs no uncertainty.
             if screened.score > 1.5 * free.score or not _better(judge, judge.gain(screened, free), simpler):
