@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -235,3 +236,17 @@ def test_a_curved_law_is_asked_against_what_it_may_stand_for() -> None:
     other, terms = judged([Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.4})])
     plainly = further_candidates(other, [plain("viscous_friction", 1, terms)])
     assert {t.options["stribeck_velocity"] for t in plainly if t.effect == "stribeck_friction"} <= {0.03, 0.1, 0.3}
+
+
+@pytest.mark.parametrize(("second", "spared"), [(1.05, True), (1.3, False)])
+def test_what_is_simpler_spares_every_joint(second: float, spared: bool) -> None:
+    judge, _ = judged([])
+    judge = replace(judge, floor=np.ones(2))
+
+    def held(*squares: float) -> Held:
+        return SimpleNamespace(joint_errors=np.array(squares) * judge.evidence.samples)  # type: ignore[return-value]
+
+    # The first joint gains as much as the second loses: on the whole they are as good.
+    assert judge.spares(held(0.5, second), held(1.0, 1.0)) is spared
+    # Below the floor a share of the floor counts: nothing else is known there.
+    assert judge.spares(held(0.5, 0.09 + 0.1 * second), held(0.5, 0.1))

@@ -25,8 +25,6 @@ from hybrid_dynamics.types import Array
 FEWEST_COMMON = 3
 #: Relative distance within which a coordinate stands on its bound.
 BOUND = 1e-6
-#: A simpler end may be worse on no joint by more than this share of its mean square, however uncertain that is.
-MOST_LOSS = 0.1
 
 
 def from_everything(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None]) -> list[Step]:
@@ -88,15 +86,10 @@ def choose(judge: Judge, ends: Sequence[Sequence[Term]]) -> list[Term]:
     best = min(range(len(ends)), key=lambda k: held[k].score)
     refit(judge.evidence, ends[best])
     again = [judge.evidence.held(end, physical=True) for end in ends]
-    best_square = np.maximum(judge.mean_square(again[best]), judge.floor**2)
     rivals = [
         k
         for k in range(len(ends))
-        if k == best
-        or (
-            judge.as_good(again[k], again[best])
-            and np.all(judge.mean_square(again[k]) <= (1 + MOST_LOSS) * best_square + 1e-300)
-        )
+        if k == best or (judge.as_good(again[k], again[best]) and judge.spares(again[k], again[best]))
     ]
     return list(ends[min(rivals, key=lambda k: (judge.price(*ends[k]), held[k].score))])
 

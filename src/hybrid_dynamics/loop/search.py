@@ -20,7 +20,7 @@ from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
-from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers, joined, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Judge, covers, joined, rank, same_place
 
 #: An effect that was dropped this often is left alone.
 MOST_DROPS = 2
@@ -220,11 +220,11 @@ def _replace(
             simpler = judge.price(*trial) < judge.price(*current)
             screened = evidence.held(trial)
             # Most trials are far worse: that needs no uncertainty.
-            if screened.score > 1.5 * free.score or not _better(judge, judge.gain(screened, free), simpler):
+            if screened.score > 1.5 * free.score or not _better(judge, term, screened, free, simpler):
                 continue
             held = evidence.held(trial, physical=True)
             gain = judge.gain(held, before)
-            if not _better(judge, gain, simpler) or (best is not None and -gain.total >= best[0]):
+            if not _better(judge, term, held, before, simpler) or (best is not None and -gain.total >= best[0]):
                 continue
             if judge.worth(trial, term).surer_than(judge.settings.gain_in_errors):
                 best = (-gain.total, trial)
@@ -274,11 +274,20 @@ def _lighter(
             if frozenset(trial) in seen or likeness.share(*pair) < LIKENESS_OF_PAIR:
                 continue
             held = evidence.held(trial, physical=True)
-            if judge.as_good(held, before) and (best is None or held.score < best[0]):
+            good = judge.as_good(held, before) and judge.spares(held, before)
+            if good and (best is None or held.score < best[0]):
                 best = (held.score, trial)
     return None if best is None else best[1]
 
 
-def _better(judge: Judge, gain: Gain, simpler: bool) -> bool:
-    """Whether ``gain`` of the new over the old speaks for the new."""
-    return gain.surer_than(judge.settings.gain_in_errors) or (simpler and -gain.total <= gain.error)
+def _better(judge: Judge, term: Term, new: Held, old: Held, simpler: bool) -> bool:
+    """Whether a ``new`` model, with the newcomer ``term``, is to be preferred to the ``old`` one.
+
+    What is simpler may be as good, on every joint; what is not must be surely better, by something that matters.
+    """
+    gain = judge.gain(new, old)
+    if simpler:
+        return -gain.total <= gain.error and judge.spares(new, old)
+    settings = judge.settings
+    matters = judge.matters(term, gain.per_joint, settings.floor_share, gain.surer_than(DECISIVE))
+    return matters and gain.surer_than(settings.gain_in_errors)

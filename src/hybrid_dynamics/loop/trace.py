@@ -47,6 +47,8 @@ FEWEST_CLUSTERS = 10
 TABLE_ROWS = 12
 #: Share of what is left that an effect of the further families must take to come in, and to stay beside all others.
 NIBBLE, NIBBLE_KEPT = 0.25, 0.15
+#: A simpler model may be worse on no joint by more than this share of its mean square, however uncertain that is.
+MOST_LOSS = 0.1
 #: A gain of this many standard errors is no accident, wherever it shows.
 DECISIVE = 3.0
 
@@ -149,6 +151,11 @@ class Judge:
         return bool(
             -gain.total <= errors * gain.error or np.all(-gain.per_joint <= self._bar(self.settings.keep_share))
         )
+
+    def spares(self, new: Held, best: Held) -> bool:
+        """True where ``new`` is worse than ``best`` on no joint by much: by :data:`MOST_LOSS`, or of the floor."""
+        least = np.maximum(self.mean_square(best), self.floor**2)
+        return bool(np.all(self.mean_square(new) <= self.mean_square(best) + MOST_LOSS * least + 1e-300))
 
     def level(self, candidates: int, blocks: int) -> float:
         """Standard errors that a kept effect must gain: Student's t at ``significance`` divided by the candidates."""
