@@ -249,4 +249,4 @@ def test_what_is_simpler_spares_every_joint(second: float, spared: bool) -> None
     # The first joint gains as much as the second loses: on the whole they are as good.
     assert judge.spares(held(0.5, second), held(1.0, 1.0)) is spared
     # Below the floor a share of the floor counts: nothing else is known there.
-    assert judge.spares(held(0.5, 0.09 + 0.1 * second), held(0.5, 0.1))
+    assert judge.spares(held(0.5, 0.1 + (second - 1.0)), held(0.5, 0.1)) is spared
