@@ -84,8 +84,9 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     held = judge.mean_square(evidence.held(chosen, physical=True))
     if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
         further = split_by_run(judge, chosen, candidates, report)
-        if further:
-            parts = list(further[-1].terms)
+        parts = list(further[-1].terms) if further else []
+        # Where the search let go of every part, nothing differs between runs.
+        if whole_of(parts):
             merged, x = pool(judge, parts)
             sizes = in_errors(judge, merged, x)
             # What is nothing on the whole, now this and now that way, is no cause of the robot.

@@ -101,9 +101,10 @@ def keep_sure(
     the common families and the steps.
 
     The noise is what the model leaves before anything is dropped: otherwise the misfit that one drop leaves behind
-    would drown the next. A family that is common was looked at once; on each further joint it is one of n. The gain of
-    a coefficient of z standard errors is about z / 2 of its own, so the rule asks for twice as sure a coefficient; of
-    friction, offset and armature, which every arm has, a coefficient at the level itself is enough.
+    would drown the next. What is kept by its gain must be of practical size in the end, too. A family that is common
+    was looked at once; on each further joint it is one of n. The gain of a coefficient of z standard errors is about
+    z / 2 of its own, so the rule asks for twice as sure a coefficient; of friction, offset and armature, which every
+    arm has, a coefficient at the level itself is enough.
     """
     evidence = judge.evidence
     kept = list(current)
@@ -120,7 +121,8 @@ def keep_sure(
             expected = term.effect in common and term.joint is not None
             level = judge.level(evidence.n if expected else looked, gain.blocks)
             size = sizes.get(term, 0.0)
-            sure = gain.surer_than(level) and not judge.nibbles(term, gain, full, NIBBLE_KEPT)
+            shows = judge.matters(term, gain.per_joint, judge.settings.keep_share, gain.surer_than(DECISIVE))
+            sure = gain.surer_than(level) and shows and not judge.nibbles(term, gain, full, NIBBLE_KEPT)
             # What every joint of a real arm has needs no more than a coefficient as sure as that, and a gain at all.
             plain = term.family().everywhere and size > level and gain.surer_than(judge.settings.gain_in_errors)
             if term in forced:

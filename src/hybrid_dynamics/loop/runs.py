@@ -65,7 +65,10 @@ def split_by_run(
             pooled = evidence.held([term, *rest])
             for rival in (evidence.held(current), pooled):
                 gain = judge.gain(trial, rival)
-                if gain.total <= DECISIVE * max(rival.score - samples, 0.0) or not gain.surer_than(SURE):
+                large = gain.total > DECISIVE * max(rival.score - samples, 0.0)
+                if not (
+                    large and gain.surer_than(SURE) and judge.matters(term, gain.per_joint, judge.settings.floor_share)
+                ):
                     break
             else:
                 if best is None or trial.score < best[0]:
