@@ -17,8 +17,8 @@ from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.blocks import folds_of
 from hybrid_dynamics.loop.confirm import test_change as change_on_tests
-from hybrid_dynamics.loop.find import Found
-from hybrid_dynamics.loop.further import at_the_end, further_candidates
+from hybrid_dynamics.loop.find import Found, find
+from hybrid_dynamics.loop.further import at_the_end, further_candidates, simplify
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.prune import complete, keep_sure
@@ -250,3 +250,27 @@ def test_what_is_simpler_spares_every_joint(second: float, spared: bool) -> None
     assert judge.spares(held(0.5, second), held(1.0, 1.0)) is spared
     # Below the floor a share of the floor counts: nothing else is known there.
     assert judge.spares(held(0.5, 0.1 + (second - 1.0)), held(0.5, 0.1)) is spared
+
+
+def test_a_plainer_effect_is_no_excuse_for_what_it_leaves() -> None:
+    spring = {"stiffness": 2.0, "rest_position": 0.4}
+    judge, terms = judged([Effect("joint_spring", (SHOULDER,), spring, {"shape": "linear"})])
+    term, constant = Term("joint_spring", 0, (("shape", "linear"),)), plain("torque_offset", 0, terms)
+    judge.evidence.add_terms([term])
+    refit(judge.evidence, [term])
+    assert simplify(judge, [term], terms) == [term]
+    # Control: a constant torque is given back to the offset.
+    other, terms = judged([Effect("torque_offset", (SHOULDER,), {"offset": 0.8})])
+    other.evidence.add_terms([term])
+    refit(other.evidence, [term])
+    assert simplify(other, [term], terms) == [constant]
+
+
+def test_another_form_of_what_was_looked_for_is_asked_too() -> None:
+    # Only this joint's row feels the other joint; from the beginning couplings of both rows are looked for.
+    coupled = {"viscous_coefficient": 0.0, "coulomb_torque": 0.5, "armature": 0.0}
+    form = {"from_joint": ELBOW, "rows": "own", "sign_of": "partner"}
+    judge, terms = judged([Effect("joint_coupling", (SHOULDER,), coupled, form)])
+    assert "own" not in {t.options.get("rows") for t in terms}
+    found = find(judge, terms, lambda step: None).terms
+    assert ("joint_coupling", 0, "own") in [(t.effect, t.joint, t.options.get("rows")) for t in found]

@@ -75,8 +75,10 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         further = search(judge, candidates, report, chosen)
         steps += further
         chosen = list(further[-1].terms)
-    candidates = [*candidates, *further_candidates(judge, chosen)]
-    if len({s.place for s in candidates}) > looked:
+    # Another form of what has been looked for already is new, too.
+    offered = further_candidates(judge, chosen)
+    candidates = [*candidates, *offered]
+    if offered:
         looked = len({s.place for s in candidates})
         chosen, further = _refined(judge, chosen, candidates, report)
         steps += further

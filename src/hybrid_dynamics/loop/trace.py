@@ -146,8 +146,11 @@ class Judge:
         return np.asarray(held.joint_errors / np.maximum(self.evidence.samples, 1))
 
     def as_good(self, new: Held, best: Held, errors: float = 1.0) -> bool:
-        """True where ``new`` is worse than ``best`` within ``errors`` standard errors, or by nothing that matters."""
-        gain = self.gain(new, best)
+        """True where ``new`` is worse than ``best`` within ``errors`` standard errors, or by nothing that matters.
+
+        The noise is what ``best`` leaves: what a worse model lacks would excuse it.
+        """
+        gain = self.gain(new, best, best)
         return bool(
             -gain.total <= errors * gain.error or np.all(-gain.per_joint <= self._bar(self.settings.keep_share))
         )
