@@ -60,11 +60,9 @@ def links_for_gain(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     if gain not in chosen or not links or any(t in chosen for t in links):
         return list(chosen)
     trial = joined([t for t in chosen if t != gain], links[0])
-    if _surely_one_factor(judge, trial, links[:1]):
-        refit(evidence, chosen)
-        return list(chosen)
+    a_gain = _surely_one_factor(judge, trial, links[:1])
     refit(evidence, chosen)
-    good = judge.as_good(evidence.held(trial, physical=True), evidence.held(chosen, physical=True))
+    good = not a_gain and judge.as_good(evidence.held(trial, physical=True), evidence.held(chosen, physical=True))
     return trial if good and take(judge, chosen, trial) else list(chosen)
 
 
