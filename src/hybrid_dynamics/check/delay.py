@@ -17,16 +17,20 @@ from hybrid_dynamics.types import Array
 LONGEST = 0.6
 #: Least fall of a joint's score by which it says that it is late too.
 SAYS_SO = 0.05
+#: Two halves of a log say the same where their delays differ by less than this share of it, or by this many rows.
+SAME_SHARE, SAME_ROWS = 0.25, 2.0
 
 
 @dataclass(frozen=True)
 class Delay:
     """``seconds`` (positive: torque recorded late), how much the joints' scores fall together when it is taken back,
-    and the share of joints that fall: one clock is late for all of them."""
+    the share of joints that fall (one clock is late for all of them), and whether both halves of the log show it: a
+    clock is late all the time, while a slow motion resembles itself a little earlier or later somewhere by chance."""
 
     seconds: float
     gain: float
     agreeing: float = 0.0
+    lasting: bool = True
 
 
 def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int], tuple[Array, Array]]) -> Delay:
@@ -40,6 +44,22 @@ def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int
         return Delay(0.0, 0.0)
     starts = np.concatenate([[0], np.cumsum([len(p.q) for p in parts])])
     rows = np.concatenate([np.arange(a + reach, b - reach) for a, b in pairwise(starts)])
+    each = _scores(columns, rows, reach, torque)
+    scores = each.sum(axis=0)
+    best = int(np.argmin(scores))
+    rest = _lowest(scores)
+    halves = [_lowest(_scores(columns, half, reach, torque).sum(axis=0)) for half in np.array_split(rows, 2)]
+    near = max(SAME_SHARE * abs(rest - reach), SAME_ROWS)
+    return Delay(
+        (rest - reach) * dt,
+        float(scores[reach] - scores[best]),
+        float(np.mean(each[:, reach] - each[:, best] >= SAYS_SO)),
+        all(abs(half - rest) <= near for half in halves),
+    )
+
+
+def _scores(columns: Columns, rows: Array, reach: int, torque: Callable[[int], tuple[Array, Array]]) -> Array:
+    """(n, 2 reach + 1) score of each joint over ``rows`` with its torque taken from that many rows off."""
     each = np.zeros((columns.tau.shape[1], 2 * reach + 1))
     for j in range(len(each)):
         model, tau = torque(j)
@@ -52,12 +72,14 @@ def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int
             cross = own.T @ late / len(rows)
             gram = np.block([[inner, cross[:, None]], [cross[None, :], np.mean(late**2)]])
             each[j, k] = explain(gram).score
-    scores = each.sum(axis=0)
+    return each
+
+
+def _lowest(scores: Array) -> float:
+    """Where ``scores`` are least, between its samples."""
     best = int(np.argmin(scores))
-    shift = float(best - reach)
-    if 0 < best < 2 * reach:
-        left, mid, right = scores[best - 1 : best + 2]
-        bend = left - 2 * mid + right
-        shift += 0.5 * float(left - right) / float(bend) if bend > 1e-9 else 0.0
-    agreeing = float(np.mean(each[:, reach] - each[:, best] >= SAYS_SO))
-    return Delay(shift * dt, float(scores[reach] - scores[best]), agreeing)
+    if not 0 < best < len(scores) - 1:
+        return float(best)
+    left, mid, right = scores[best - 1 : best + 2]
+    bend = left - 2 * mid + right
+    return best + (0.5 * float(left - right) / float(bend) if bend > 1e-9 else 0.0)

@@ -293,6 +293,12 @@ def _delay(names: Sequence[str], columns: Columns, parts: Sequence[Stretch], bes
             "not say so: that is no clock; their torque is not what the model says, or the run is short"
         )
         return [Finding("torque_delay", "note" if size < DELAY_DOUBTED else "warning", text)]
+    if size >= DELAY_DOUBTED and not found.lasting:
+        text = (
+            f"the torque fits the motion best {size:.3g} s {what}, but not in both halves of the log: that is hardly a "
+            "clock; if the clocks are in doubt, record a longer run with quicker motion"
+        )
+        return [Finding("torque_delay", "warning", text)]
     severity: Severity = "hard" if size >= DELAY_REFUSED else "warning" if size >= DELAY_DOUBTED else "note"
     text = (
         f"the torque is recorded {size:.3g} s {what} than the positions; expected one clock for both: shift it with "
