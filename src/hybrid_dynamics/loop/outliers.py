@@ -3,8 +3,9 @@
 A bump against the arm, a stop harder than the filters resolve or a fault of the log lasts a fraction of a second and
 is no property of the robot, but least squares hands its energy to whatever effect comes nearest. What the rich model
 of :mod:`hybrid_dynamics.loop.noise` leaves is compared with its robust scale (median absolute deviation):
-friction alone surprises single joints, an outlier segment surprises most of them together. Long or frequent departures
-are not left out: they ask for an explanation.
+friction alone surprises single joints, an outlier segment surprises most of them together. Where most joints jolt
+(their acceleration departs from its own usual range in the same way) the filters do not resolve the motion, and more
+than one joint that departs is enough. Long or frequent departures are not left out: they ask for an explanation.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing, label
+from scipy.ndimage import binary_closing, label, maximum_filter1d
 
 from hybrid_dynamics.types import Array
 
@@ -26,6 +27,8 @@ _MAD = 1.4826
 LONGEST, LARGEST_SHARE = 1.0, 0.05
 #: Fewer joints in motion cannot tell an outlier segment from an effect of their own.
 FEWEST_JOINTS = 3
+#: Fewest joints that depart in a jolt: friction surprises single ones.
+IN_A_JOLT = 2
 
 
 @dataclass(frozen=True)
@@ -45,39 +48,66 @@ class OutlierSegment:
 
 
 def outlier_segments(
-    run: int, time: Array, residual: Array, mask: NDArray[np.bool_], pad: float
+    run: int, time: Array, ddq: Array, residual: Array, mask: NDArray[np.bool_], pad: float
 ) -> list[OutlierSegment]:
-    """Outlier segments in one run. ``time`` (K,) [s], ``residual`` (K, n) [N m], ``mask`` (K, n) rows that count.
+    """Outlier segments in one run: ``time`` (K,) [s], ``ddq`` (K, n) [rad/s^2], ``residual`` (K, n) [N m], ``mask``
+    (K, n) rows that count.
 
     ``pad`` [s] is how far the filters carry a moment to either side; it is left out with the outlier segment.
     """
     seen = mask.sum(axis=0) >= 20
     if seen.sum() < FEWEST_JOINTS or len(time) < 3:
         return []
-    size = np.zeros(residual.shape)
-    for j in np.flatnonzero(seen):
-        scale = _MAD * float(np.median(np.abs(residual[mask[:, j], j])))
-        size[:, j] = np.where(mask[:, j], np.abs(residual[:, j]) / max(scale, 1e-12), 0.0)
+    size = _departure(residual, mask & seen)
     counted = (mask & seen).sum(axis=1)
-    most = (counted >= FEWEST_JOINTS) & ((size > DEPARTURE).sum(axis=1) > counted / 2)
+    departs = size > DEPARTURE
+    most = (counted >= FEWEST_JOINTS) & (departs.sum(axis=1) > counted / 2)
+    reach = max(round(pad / float(time[1] - time[0])), 1)
+    jolts = _departure(ddq - np.median(ddq, axis=0), np.ones(ddq.shape, bool)) > DEPARTURE
+    jolted = (_near(jolts, reach) > ddq.shape[1] / 2) & (_near(departs, reach) >= IN_A_JOLT) & departs.any(axis=1)
+    # Jolts that come often are the motion itself: then only what surprises most joints counts.
+    for moments in (most | jolted, most):
+        spans = _spans(moments, reach)
+        if _rare(spans, time):
+            return [
+                OutlierSegment(
+                    run,
+                    max(int(s[0]) - reach, 0),
+                    min(int(s[-1]) + 1 + reach, len(time)),
+                    float(time[s[0]]),
+                    float(time[s[-1]]),
+                    int((size[s] > DEPARTURE).any(axis=0).sum()),
+                    float(size[s].max()),
+                )
+                for s in spans
+            ]
+    return []
+
+
+def _departure(values: Array, mask: NDArray[np.bool_]) -> Array:
+    """(K, n) sizes of ``values`` in robust standard deviations of the column over ``mask``; 0 outside of it."""
+    size = np.zeros(values.shape)
+    for j in np.flatnonzero(mask.any(axis=0)):
+        scale = _MAD * float(np.median(np.abs(values[mask[:, j], j])))
+        size[:, j] = np.where(mask[:, j], np.abs(values[:, j]) / max(scale, 1e-12), 0.0)
+    return size
+
+
+def _near(moments: NDArray[np.bool_], reach: int) -> NDArray[np.int_]:
+    """(K,) number of joints with one of ``moments`` (K, n) within ``reach`` rows: filters ring at each its own time."""
+    return np.asarray(maximum_filter1d(moments, 2 * reach + 1, axis=0, mode="constant").sum(axis=1))
+
+
+def _spans(moments: NDArray[np.bool_], reach: int) -> list[NDArray[np.int_]]:
+    """Rows of each segment; moments that the filters carry into each other are one."""
+    padded = np.pad(moments, reach)
+    joined, count = label(binary_closing(padded, np.ones(2 * reach + 1, bool))[reach:-reach] | moments)
+    return [np.flatnonzero(joined == k + 1) for k in range(count)]
+
+
+def _rare(spans: list[NDArray[np.int_]], time: Array) -> bool:
     dt = float(time[1] - time[0])
-    reach = max(round(pad / dt), 1)
-    joined, count = label(binary_closing(np.pad(most, reach), np.ones(2 * reach + 1, bool))[reach:-reach] | most)
-    spans = [np.flatnonzero(joined == k + 1) for k in range(count)]
-    if sum(len(s) for s in spans) > LARGEST_SHARE * len(time) or any(len(s) * dt > LONGEST for s in spans):
-        return []
-    return [
-        OutlierSegment(
-            run,
-            max(int(s[0]) - reach, 0),
-            min(int(s[-1]) + 1 + reach, len(time)),
-            float(time[s[0]]),
-            float(time[s[-1]]),
-            int((size[s] > DEPARTURE).any(axis=0).sum()),
-            float(size[s].max()),
-        )
-        for s in spans
-    ]
+    return sum(len(s) for s in spans) <= LARGEST_SHARE * len(time) and all(len(s) * dt <= LONGEST for s in spans)
 
 
 def describe(found: Sequence[OutlierSegment], names: Sequence[str]) -> list[str]:

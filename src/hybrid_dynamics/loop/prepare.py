@@ -163,7 +163,12 @@ def _leave_out_outliers(evidence: Evidence) -> list[str]:
         d
         for r, residual in enumerate(rich_residuals(evidence))
         for d in outlier_segments(
-            r, evidence.runs[r].time, residual, evidence.mask[r], OUTLIER_REACH / evidence.runs[r].cutoff
+            r,
+            evidence.runs[r].time,
+            evidence.runs[r].ddq,
+            residual,
+            evidence.mask[r],
+            OUTLIER_REACH / evidence.runs[r].cutoff,
         )
     ]
     for d in found:
