@@ -155,9 +155,7 @@ def test_two_late_joints_are_no_late_clock(panda, run):
 
 def test_a_late_clock_is_late_in_both_halves_of_the_log(panda, run):
     late = 40  # rows of 5 ms
-    rows, turn = slice(late, None), (len(run.time) - late) // 2
-    now, before = run["tau"][late:], run["tau"][:-late]
-    clock = run.rows(rows).with_signals(tau=before)
+    clock = run.rows(slice(late, None)).with_signals(tau=run["tau"][:-late])
     assert ("hard", "torque_delay", "") in told(panda, clock)
     # Late in one half and early in the other: whichever wins over the whole log, no single shift mends it.
     half = run.rows(slice(late, -late))
@@ -165,4 +163,5 @@ def test_a_late_clock_is_late_in_both_halves_of_the_log(panda, run):
     mixed = np.concatenate([run["tau"][: -2 * late][:turn], run["tau"][2 * late :][turn:]])
     findings, _ = check_torque(panda, [half.with_signals(tau=mixed)])
     delays = [f for f in findings if f.code == "torque_delay"]
-    assert all(f.severity != "hard" and not f.suggestion for f in delays)
+    assert delays
+    assert all(f.severity == "warning" and not f.suggestion for f in delays)

@@ -26,6 +26,8 @@ from hybrid_dynamics.types import Array
 LEFT = 0.25
 #: Floors that turn out lower by this factor ask for another look, so often at most.
 MUCH, MOST_WEIGHINGS = 1.3, 2
+#: So often at most others are asked after something has been let go of.
+MOST_RETURNS = 2
 
 
 @dataclass(frozen=True)
@@ -97,11 +99,12 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
                 return Found(merged, x, whole_of(parts), [*steps, *further], notes, judge)
         evidence.fold_by_run()
     refit(evidence, chosen)
-    chosen, common, weak = keep_sure(judge, _drop_guesses(judge, chosen), looked, report)
+    chosen, common, further = _surely(judge, _drop_guesses(judge, chosen), candidates, looked, report)
+    steps += further
     chosen = complete(judge, links_for_gain(judge, chosen), candidates, common)
     chosen = gain_for_links(judge, without_noise(judge, chosen))
     chosen = without_noise(judge, choose_signs(judge, chosen), sure=True)
-    return Found(chosen, refit(evidence, chosen), [], [*steps, *weak], [], judge)
+    return Found(chosen, refit(evidence, chosen), [], steps, [], judge)
 
 
 def _refined(
@@ -116,6 +119,42 @@ def _refined(
         found = refine(judge, steps[-1].terms)
         implausible = at_the_end(found)
     return [t for t in found if t not in implausible], steps
+
+
+def _surely(
+    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], looked: int, report: Callable[[Step], None]
+) -> tuple[list[Term], set[str], list[Step]]:
+    """Those of ``chosen`` that are surely there, the common families, and the steps.
+
+    What is let go of had kept others out that explain the same torque, and perhaps surely: on the joints that miss it
+    they are asked once more.
+    """
+    evidence = judge.evidence
+    offered = list(candidates)
+    with_all = judge.mean_square(evidence.held(chosen, physical=True))
+    kept, common, steps = keep_sure(judge, chosen, looked, report)
+    for _ in range(MOST_RETURNS):
+        lost = [s for s in chosen if not any(same_place(s, k) for k in kept)]
+        without = judge.mean_square(evidence.held(kept, physical=True))
+        missed = without > with_all + LEFT * judge.floor**2
+        if all(s.family().everywhere for s in lost) or not missed.any():
+            break
+        offered = [
+            c
+            for c in offered
+            if not any(same_place(c, s) for s in lost) and (c.joint is None or missed[c.joint] or c in kept)
+        ]
+        trial, further = _refined(judge, kept, offered, report)
+        steps += further
+        if set(trial) == set(kept):
+            break
+        again, same, further = keep_sure(judge, trial, looked, report)
+        steps += further
+        if evidence.held(again, physical=True).score >= evidence.held(kept, physical=True).score:
+            refit(evidence, kept, everything=True)
+            break
+        chosen, kept, common = trial, again, same
+    return kept, common, steps
 
 
 def _both_ends(

@@ -224,8 +224,8 @@ def _common(judge: Judge, current: Sequence[Term], gains: dict[Term, Gain], look
 def without_noise(judge: Judge, current: Sequence[Term], sure: bool = False) -> list[Term]:
     """``current`` without terms all of whose coefficients are below their own standard errors, the least first.
 
-    ``sure``: what every joint of an arm has must be as sure as n questions ask for, in the model as it is in the end:
-    something else may have taken it over since it was named.
+    ``sure``: what every joint of an arm has must be as sure as n questions ask for, in the model as it is in the end,
+    or held-out rows must miss it as surely: something else may have taken it over since it was named.
     """
     evidence = judge.evidence
     level = judge.level(evidence.n, len(evidence.blocks)) if sure else 1.0
@@ -233,8 +233,11 @@ def without_noise(judge: Judge, current: Sequence[Term], sure: bool = False) -> 
     while True:
         x = refit(evidence, kept)
         sizes = in_errors(judge, kept, x)
-        shares = {t: size / (level if t.family().everywhere else 1.0) for t, size in sizes.items()}
-        small = {t: share for t, share in shares.items() if share < 1.0}
+        small = {t: size for t, size in sizes.items() if size < 1.0}
+        for term in (t for t, size in sizes.items() if 1.0 <= size < level and t.family().everywhere):
+            gain = judge.worth(kept, term)
+            if not gain.surer_than(judge.level(evidence.n, gain.blocks)):
+                small[term] = sizes[term] / level
         if not small:
             return kept
         kept.remove(min(small, key=lambda t: (small[t], repr(t))))

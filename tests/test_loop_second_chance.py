@@ -1,0 +1,84 @@
+"""What the search let go of, or could not be sure of by its coefficient alone, gets the look that it deserves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import pytest
+from tests.small_arm import arm
+
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.loop import LoopSettings, Model, prune
+from hybrid_dynamics.loop import find as find_module
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.search import Step
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.simulation.excitation import excitations
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+
+
+def judged(effects: Sequence[Effect]) -> tuple[Judge, list[Term]]:
+    settings = LoopSettings()
+    train, test = excitations(ROBOT, effects, train=2, test=1, duration=8.0, rate=250.0)
+    judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, train, test, settings), settings)
+    return judge, terms
+
+
+def silent(step: Step) -> None:
+    assert step.terms is not None
+
+
+@pytest.mark.parametrize(("returns", "named"), [(2, ["joint_spring"]), (0, [])])
+def test_what_an_unsure_effect_kept_out_is_asked_when_that_goes(
+    monkeypatch: pytest.MonkeyPatch, returns: int, named: list[str]
+) -> None:
+    spring = {"stiffness": 2.0, "rest_position": 0.4}
+    judge, _ = judged([Effect("joint_spring", (SHOULDER,), spring, {"shape": "linear"})])
+    proxy, cause = Term("position_offset", 0, ()), Term("joint_spring", 0, (("shape", "linear"),))
+    judge.evidence.add_terms([proxy, cause])
+    refit(judge.evidence, [proxy])
+    really: Callable[..., tuple[list[Term], set[str], list[Step]]] = prune.keep_sure
+
+    def without_proxy(
+        judge: Judge, current: Sequence[Term], looked: int, report: Callable[[Step], None]
+    ) -> tuple[list[Term], set[str], list[Step]]:
+        kept, common, steps = really(judge, [t for t in current if t != proxy], looked, report)
+        return kept, common, steps
+
+    monkeypatch.setattr(find_module, "keep_sure", without_proxy)
+    monkeypatch.setattr(find_module, "MOST_RETURNS", returns)
+    kept, _, _ = find_module._surely(judge, [proxy], [proxy, cause], 2, silent)
+    assert [t.effect for t in kept] == named
+
+
+def test_nothing_is_asked_again_where_nothing_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, terms = judged([])
+    proxy = Term("joint_spring", 0, (("shape", "linear"),))
+    judge.evidence.add_terms([proxy])
+    refit(judge.evidence, [proxy])
+    asked: list[Sequence[Term]] = []
+
+    def refined(judge: Judge, chosen: Sequence[Term], *rest: object) -> tuple[list[Term], list[Step]]:
+        asked.append(chosen)
+        return list(chosen), []
+
+    monkeypatch.setattr(find_module, "_refined", refined)
+    kept, _, _ = find_module._surely(judge, [proxy], [*terms, proxy], len(terms), silent)
+    assert kept == []
+    assert asked == []
+
+
+def test_plain_friction_that_held_out_rows_surely_miss_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    friction = Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.4})
+    judge, terms = judged([friction])
+    plainest = [t for t in terms if t.family().everywhere and not t.settings]
+    # No coefficient by itself is as sure as all joints ask for.
+    monkeypatch.setattr(prune, "in_errors", lambda judge, current, x: dict.fromkeys(current, 2.0))
+    kept = prune.without_noise(judge, plainest, sure=True)
+    assert [(t.effect, t.joint) for t in kept] == [("viscous_friction", 1)]
+    # Control: what the held-out rows do not miss goes, however it was called.
+    other, _ = judged([])
+    assert prune.without_noise(other, plainest, sure=True) == []
