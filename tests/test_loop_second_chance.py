@@ -10,10 +10,12 @@ from tests.small_arm import arm
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model, prune
 from hybrid_dynamics.loop import find as find_module
+from hybrid_dynamics.loop import search as search_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitations
 
 ROBOT = arm()
@@ -82,3 +84,26 @@ def test_plain_friction_that_held_out_rows_surely_miss_stays(monkeypatch: pytest
     # Control: what the held-out rows do not miss goes, however it was called.
     other, _ = judged([])
     assert prune.without_noise(other, plainest, sure=True) == []
+
+
+def test_offsets_on_many_joints_are_given_back_to_the_one_wrong_zero_behind_them() -> None:
+    robot = Robot.from_urdf(find_description("ur_description/urdf/ur5_robot.urdf"))
+    offsets = [Term("torque_offset", j, ()) for j in (1, 2, 3)]
+    zero, decoy = Term("position_offset", 1, ()), Term("time_delay", None, ())
+
+    def replaced(effects: Sequence[Effect]) -> list[Term] | None:
+        settings = LoopSettings()
+        train, test = excitations(robot, effects, train=2, test=1, duration=8.0, rate=100.0)
+        judge, _, _ = gather(Model(robot), read_motion(robot, train, test, settings), settings)
+        judge.evidence.add_terms([*offsets, zero, decoy])
+        refit(judge.evidence, offsets, everything=True)
+        before = judge.evidence.held(offsets, physical=True)
+        return search_module._replace(judge, offsets, [*offsets, zero, decoy], before, set())
+
+    lift = robot.joint_names[1]
+    assert replaced([Effect("position_offset", (lift,), {"offset": 0.02})]) == [zero]
+    # Control: constant torques on three joints are no wrong zero.
+    constant = [
+        Effect("torque_offset", (robot.joint_names[j],), {"offset": t}) for j, t in ((1, 2.0), (2, -1.5), (3, 0.6))
+    ]
+    assert replaced(constant) is None

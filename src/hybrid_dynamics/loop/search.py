@@ -196,9 +196,11 @@ def _useless(judge: Judge, current: Sequence[Term]) -> Term | None:
 def _replace(
     judge: Judge, current: Sequence[Term], candidates: Sequence[Term], before: Held, seen: set[frozenset[Term]]
 ) -> list[Term] | None:
-    """One or two effects replaced by another candidate: surely better, or as good and simpler.
+    """One or two effects, or one family on several joints, replaced by another candidate: surely better, or as good and
+    simpler.
 
-    A newcomer must surely explain something itself: by being simpler alone nothing gets in.
+    A wrong zero turns gravity on every joint behind it, and each joint's offset takes up its own part. A newcomer must
+    surely explain something itself: by being simpler alone nothing gets in.
     Trials are screened without the constraints of bodies; what passes is judged with them.
     """
     evidence = judge.evidence
@@ -208,11 +210,15 @@ def _replace(
     groups: list[tuple[Term, ...]] = [(s,) for s in current]
     if len(current) <= 8:
         groups += [(a, b) for i, a in enumerate(current) for b in current[i + 1 :]]
+    alike = {name: tuple(s for s in current if s.effect == name) for name in sorted({s.effect for s in current})}
+    groups += [group for group in alike.values() if len(group) > 2]
     likeness = {s: Likeness(evidence, s, own) for s, own in torque_of.items()}
     best: tuple[float, list[Term]] | None = None
     for group in groups:
         rest = [s for s in current if s not in group]
-        for term in _rivals(likeness, group, rest, candidates):
+        many = len(group) > 2
+        rivals = _one_for_many(judge, group, rest, candidates) if many else _rivals(likeness, group, rest, candidates)
+        for term in rivals:
             trial = joined(rest, term)
             if frozenset(trial) in seen:
                 continue
@@ -229,6 +235,19 @@ def _replace(
             if judge.worth(trial, term).surer_than(judge.settings.gain_in_errors):
                 best = (-gain.total, trial)
     return None if best is None else best[1]
+
+
+def _one_for_many(judge: Judge, group: Sequence[Term], rest: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
+    """Of ``candidates`` that act on several joints and cost less than ``group``, those that predict best instead."""
+    evidence, price = judge.evidence, judge.price(*group)
+    found = [
+        (evidence.held(joined(rest, term)).score, term)
+        for term in candidates
+        if evidence.acts(term).sum() > 1
+        and judge.price(term) < price
+        and not any(same_place(term, s) or covers(s, term) for s in rest)
+    ]
+    return [term for _, term in sorted(found, key=lambda item: (item[0], repr(item[1])))[:MOST_RIVALS]]
 
 
 def _rivals(
