@@ -165,3 +165,15 @@ def test_a_late_clock_is_late_in_both_halves_of_the_log(panda, run):
     delays = [f for f in findings if f.code == "torque_delay"]
     assert delays
     assert all(f.severity == "warning" and not f.suggestion for f in delays)
+
+
+def test_a_joint_that_moves_one_way_shows_no_sign_of_its_friction(panda, run):
+    # A cable whose pull falls off while the wrist turns one way: turned round, it looks like friction.
+    way = np.zeros(7)
+    way[6] = 1.0
+    ramp = 0.4 * run.time[:, None] / run.time[-1] * way
+    slow = run.with_signals(q=run["q"] * (1 - way) + ramp * 8.0)
+    pull = slow.with_signals(tau=slow["tau"] * (1 - way) - 0.3 * way * (1.0 + ramp[:, [6]]))
+    assert ("hard", "torque_sign", JOINTS[6]) not in told(panda, pull)
+    # Control: a wrist that moves both ways, its torque turned round.
+    assert ("hard", "torque_sign", JOINTS[6]) in told(panda, run.with_signals(tau=run["tau"] * (1 - 2 * way)))

@@ -13,7 +13,7 @@ from hybrid_dynamics.check.delay import Delay, find_delay
 from hybrid_dynamics.check.findings import Finding, Severity
 from hybrid_dynamics.check.forms import FLOOR, Fit, Forms
 from hybrid_dynamics.check.guess import SAME_MOUNTING, Guess, angle, best_guess
-from hybrid_dynamics.check.samples import Stretch, stretches
+from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch, stretches
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -22,6 +22,9 @@ from hybrid_dynamics.types import Array
 EXPLAINED = 0.6
 #: The sign of one joint's torque is surely wrong only where the other one leaves less than this share.
 SETTLED = 0.2
+#: A joint moves both ways where it spends this share of the log in each; a torque is mostly that of the links where
+#: they make this much of its standard deviation.
+BOTH_WAYS, MOSTLY = 0.05, 0.5
 #: A run is looked at alone where it leaves this much more of a joint's mean square than the best run.
 OUTVOTED = 0.3
 #: A guess that gains this much beyond its price (natural logarithm of mean squares) is certain, less is a warning.
@@ -61,7 +64,7 @@ def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding
     if not _holds(told, best):
         best = told
     names = robot.joint_names
-    findings = [*_signs(names, told, best), *_places(names, told, best), *_clock(told, best)]
+    findings = [*_signs(names, told, best, columns), *_places(names, told, best), *_clock(told, best)]
     if best.mirror is None and best.swap is None:
         findings += _mounting(robot, told, best)
         fits = [forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace) for j in range(forms.n)]
@@ -108,7 +111,7 @@ def _shares(told: Guess, best: Guess, joints: Sequence[int]) -> str:
     return f"unexplained {before:.0%} of the mean square as it stands, {after:.0%} so"
 
 
-def _signs(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
+def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns) -> list[Finding]:
     """Torque columns, or positions, whose sign is wrong."""
     if best.swap is not None:
         return []
@@ -140,15 +143,16 @@ def _signs(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
                 suggestion=turned(len(names), flipped, ["tau"]),
             )
         ]
-    return [_one_sign(names, told, best, j) for j in flipped]
+    return [_one_sign(names, told, best, j, columns) for j in flipped]
 
 
-def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int) -> Finding:
+def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, columns: Columns) -> Finding:
     """The torque of joint ``j`` alone: certain only where the other sign leaves little unexplained.
 
     A spring on a light wrist looks more like its torque turned round than like its torque; neither explains it.
     """
     certain = told.scores[j] - best.scores[j] >= CERTAIN and _left(best.scores[j]) < SETTLED
+    certain = certain and _shows_its_sign(columns, best, j)
     return Finding(
         "torque_sign",
         "hard" if certain else "warning",
@@ -159,6 +163,18 @@ def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int) -> Finding
         # What is not certain is no clear cure: nothing is turned round unasked.
         suggestion=turned(len(names), [j], ["tau"]) if certain else {},
     )
+
+
+def _shows_its_sign(columns: Columns, best: Guess, j: int) -> bool:
+    """Whether the joint moves both ways, or its torque is mostly that of its links.
+
+    Friction along one way is a constant and a slope like any other: a cable's pull that falls off looks like it.
+    """
+    dq = columns.dq[:, j]
+    if min(np.mean(dq > SIGN_WIDTH), np.mean(dq < -SIGN_WIDTH)) >= BOTH_WAYS:
+        return True
+    fit = Forms(columns).fit(j, best.gravity, best.source[j], best.sign[j], best.pace)
+    return bool(fit.coefficients[0] * fit.rigid >= MOSTLY * columns.tau[:, best.source[j]].std())
 
 
 def _places(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
