@@ -40,6 +40,26 @@ def test_every_row_is_predicted_and_the_ends_hardly_worse(rate):
     assert share(bare.tau - run["tau"], run["tau"]) > 0.1
 
 
+def test_the_error_without_the_ends_is_taken_where_the_loop_takes_its_own():
+    run = true_run(200.0)
+    found = predict(Model(two_links(), EFFECTS), run)
+    own = process(run, two_links(), ProcessSettings())
+    assert found.inside is not None
+    assert found.measured_smooth is not None
+    np.testing.assert_allclose(run.time[found.inside][[0, -1]], own.time[[0, -1]], atol=0.05)
+    assert found.relative_error(ends=False) == pytest.approx(
+        np.linalg.norm((found.measured_smooth - found.tau)[found.inside])
+        / np.linalg.norm(found.measured_smooth[found.inside])
+    )
+    # What is wrong at the ends alone is no error without them.
+    spoiled = run["tau"].copy()
+    spoiled[:5] += spoiled.std(axis=0)
+    spoiled[-5:] += spoiled.std(axis=0)
+    worse = predict(Model(two_links(), EFFECTS), run.with_signals(tau=spoiled))
+    assert worse.rmse().max() > 2 * found.rmse().max()
+    np.testing.assert_allclose(worse.rmse(ends=False), found.rmse(ends=False), rtol=1e-6)
+
+
 def test_uneven_stamps_keep_their_own_rows_and_a_gap_is_not_bridged():
     run = true_run(500.0)
     rng = np.random.default_rng(0)

@@ -19,7 +19,7 @@ from scipy.signal import butter, sosfiltfilt
 from hybrid_dynamics.effects import family
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.loop.process import ProcessSettings, derivative, hann_kernel
+from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel
 from hybrid_dynamics.loop.uncertainty import Uncertainty
 from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import resample
@@ -39,7 +39,8 @@ class Prediction:
     ``tau`` (T, n); ``measured`` (T, n) as recorded, without its glitches, and ``measured_smooth`` (T, n) through the
     filter that ``tau`` has passed, both None where the log has no torque; ``parts`` maps the rigid body and each effect
     to its share (T, n): they add up to ``tau``; ``band`` (T, n) is the standard deviation of
-    ``measured_smooth - tau`` to be expected.
+    ``measured_smooth - tau`` to be expected. ``inside`` (T,) rows further from an end, or from a gap, than its filters
+    reach: there the loop's own errors are taken.
     """
 
     time: Array
@@ -48,35 +49,38 @@ class Prediction:
     measured_smooth: Array | None = None
     parts: Mapping[str, Array] = field(default_factory=dict)
     band: Array | None = None
+    inside: NDArray[np.bool_] | None = None
 
     @property
     def covered(self) -> NDArray[np.bool_]:
         """(T,) rows that have a prediction."""
         return ~np.isnan(self.tau[:, 0])
 
-    def rmse(self, smooth: bool = True) -> Array:
-        """(n,) [N m] root mean square error, of the filtered torque or of the torque as recorded."""
+    def rmse(self, smooth: bool = True, ends: bool = True) -> Array:
+        """(n,) [N m] root mean square error, of the filtered torque or of the torque as recorded; with the ``ends``,
+        where filters know one side only, or without."""
+        truth, rows = self._compared(smooth, ends)
+        return np.asarray(np.sqrt(np.mean((truth - self.tau)[rows] ** 2, axis=0)))
+
+    def relative_rmse(self, smooth: bool = True, ends: bool = True) -> Array:
+        """(n,) the same over the standard deviation of the torque; NaN where that does not vary."""
+        truth, rows = self._compared(smooth, ends)
+        errors, spread = self.rmse(smooth, ends), truth[rows].std(axis=0)
+        return np.asarray(np.divide(errors, spread, out=np.full_like(errors, np.nan), where=spread > 0))
+
+    def relative_error(self, smooth: bool = True, ends: bool = True) -> float:
+        """Norm of the error over the norm of the torque, all joints together; NaN where that is zero."""
+        truth, rows = self._compared(smooth, ends)
+        size = float(np.linalg.norm(truth[rows]))
+        return float(np.linalg.norm((truth - self.tau)[rows])) / size if size > 0 else float("nan")
+
+    def _compared(self, smooth: bool, ends: bool) -> tuple[Array, NDArray[np.bool_]]:
         truth = self.measured_smooth if smooth else self.measured
         if truth is None:
             raise InputError("the log has no torque to compare the prediction with")
-        rows = self.covered
-        return np.asarray(np.sqrt(np.mean((truth - self.tau)[rows] ** 2, axis=0)))
-
-    def relative_rmse(self, smooth: bool = True) -> Array:
-        """(n,) the same over the standard deviation of the torque; NaN where that does not vary."""
-        truth = self.measured_smooth if smooth else self.measured
-        errors = self.rmse(smooth)
-        assert truth is not None
-        spread = truth[self.covered].std(axis=0)
-        return np.asarray(np.divide(errors, spread, out=np.full_like(errors, np.nan), where=spread > 0))
-
-    def relative_error(self, smooth: bool = True) -> float:
-        """Norm of the error over the norm of the torque, all joints together; NaN where that is zero."""
-        truth = self.measured_smooth if smooth else self.measured
-        errors = self.rmse(smooth)
-        assert truth is not None
-        size = float(np.linalg.norm(truth[self.covered]))
-        return float(np.sqrt(np.sum(errors**2) * np.count_nonzero(self.covered))) / size if size > 0 else float("nan")
+        # Of a log that is all ends they are all there is.
+        inside = self.covered if ends or self.inside is None else self.covered & self.inside
+        return truth, inside if inside.any() else self.covered
 
 
 def predict(
@@ -120,8 +124,11 @@ def predict(
     shares = {name: np.full(shape, np.nan) for name in (_names(model) if parts else ())}
     band = None if uncertainty is None else np.full(shape, np.nan)
     measured = log.signals.get("tau")
+    inside = np.zeros(len(log.time), bool)
     for piece in pieces:
         rows = np.flatnonzero((log.time >= piece.time[0] - 1e-9) & (log.time <= piece.time[-1] + 0.5 * piece.dt))
+        reach = END_PERIODS / _cutoff(piece, settings)
+        inside[rows] = (log.time[rows] > piece.time[0] + reach) & (log.time[rows] < piece.time[-1] - reach)
         states = whole_states(piece, settings)
         low_pass = _smoother(piece, settings)
         put = _back_to(piece.time, log.time[rows])
@@ -135,7 +142,7 @@ def predict(
         for line in model.extrapolation_warnings(states[1]):
             if notify is not None:
                 notify(line)
-    return Prediction(log.time, tau, measured, None if measured is None else smooth, shares, band)
+    return Prediction(log.time, tau, measured, None if measured is None else smooth, shares, band, inside)
 
 
 def contributions(model: Model, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> dict[str, Array]:

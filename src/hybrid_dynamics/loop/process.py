@@ -24,6 +24,8 @@ from hybrid_dynamics.types import Array
 
 #: States of which wide columns are computed at once: a run of an hour takes no more memory than a minute.
 PIECE = 4096
+#: Left out at both ends of a run, in periods of the cut-off: there a filter knows one side only.
+END_PERIODS = 2.0
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
         )
     rate = 1.0 / dt
     cutoff = min(settings.cutoff, settings.cutoff_share * rate)
-    trim = int(np.ceil(2.0 / cutoff / dt))
+    trim = int(np.ceil(END_PERIODS / cutoff / dt))
     if len(trajectory.time) < 2 * trim + max(20, round(0.3 / dt)):
         raise InputError(
             f"run {trajectory.name}: lasts {trajectory.time[-1] - trajectory.time[0]:.2f} s at {rate:.0f} Hz; "
