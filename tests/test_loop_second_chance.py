@@ -73,6 +73,16 @@ def test_nothing_is_asked_again_where_nothing_is_missed(monkeypatch: pytest.Monk
     assert asked == []
 
 
+@pytest.mark.parametrize("replacing", [True, False])
+def test_a_search_may_be_told_to_add_only(monkeypatch: pytest.MonkeyPatch, replacing: bool) -> None:
+    judge, terms = judged([Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.4})])
+    tried: list[bool] = []
+    monkeypatch.setattr(search_module, "_replace", lambda *given: tried.append(True))
+    steps = search_module.search(judge, terms, silent, replacing=replacing)
+    assert [(t.effect, t.joint) for t in steps[-1].terms] == [("viscous_friction", 1)]
+    assert bool(tried) is replacing
+
+
 def test_plain_friction_that_held_out_rows_surely_miss_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     friction = Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.4})
     judge, terms = judged([friction])

@@ -108,14 +108,18 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
 
 
 def _refined(
-    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], report: Callable[[Step], None]
+    judge: Judge,
+    chosen: Sequence[Term],
+    candidates: Sequence[Term],
+    report: Callable[[Step], None],
+    replacing: bool = True,
 ) -> tuple[list[Term], list[Step]]:
     """Search on from ``chosen`` and refine; without what ends where no such law is, once more."""
-    steps = search(judge, candidates, report, chosen)
+    steps = search(judge, candidates, report, chosen, replacing)
     found = refine(judge, steps[-1].terms)
     if implausible := at_the_end(found):
         rest = [c for c in candidates if not any(same_place(c, t) for t in implausible)]
-        steps += search(judge, rest, report, [t for t in found if t not in implausible])
+        steps += search(judge, rest, report, [t for t in found if t not in implausible], replacing)
         found = refine(judge, steps[-1].terms)
         implausible = at_the_end(found)
     return [t for t in found if t not in implausible], steps
@@ -144,8 +148,10 @@ def _surely(
             for c in offered
             if not any(same_place(c, s) for s in lost) and (c.joint is None or missed[c.joint] or c in kept)
         ]
-        trial, further = _refined(judge, kept, offered, report)
+        # What is sure stays: in its place a richer law would take up what the lost one explained.
+        trial, further = _refined(judge, kept, offered, report, replacing=False)
         steps += further
+        trial = choose_forms(judge, simplify(judge, trial, offered))
         if set(trial) == set(kept):
             break
         again, same, further = keep_sure(judge, trial, looked, report)

@@ -54,15 +54,20 @@ def step_of(
 
 
 def search(
-    judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None], start: Sequence[Term] = ()
+    judge: Judge,
+    candidates: Sequence[Term],
+    report: Callable[[Step], None],
+    start: Sequence[Term] = (),
+    replacing: bool = True,
 ) -> list[Step]:
-    """Stepwise search, forward and backward, with replacements, from ``start``; returns the steps taken."""
+    """Stepwise search, forward and backward, from ``start``, with replacements unless told otherwise; returns the steps
+    taken."""
     evidence, settings = judge.evidence, judge.settings
     current: list[Term] = list(start)
     steps: list[Step] = []
     seen: set[frozenset[Term]] = {frozenset(current)}
     dropped: Counter[Term] = Counter()
-    replacements = 0
+    replacements = 0 if replacing else MOST_REPLACEMENTS
 
     def record(action: str, term: Term | None, table: Sequence[Candidate] = ()) -> None:
         steps.append(step_of(judge, action, term, current, table))
