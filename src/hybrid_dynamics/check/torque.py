@@ -64,7 +64,7 @@ def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding
     if not _holds(told, best):
         best = told
     names = robot.joint_names
-    findings = [*_signs(names, told, best, columns), *_places(names, told, best), *_clock(told, best)]
+    findings = [*_signs(names, told, best, columns, forms), *_places(names, told, best), *_clock(told, best)]
     if best.mirror is None and best.swap is None:
         findings += _mounting(robot, told, best)
         fits = [forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace) for j in range(forms.n)]
@@ -111,7 +111,7 @@ def _shares(told: Guess, best: Guess, joints: Sequence[int]) -> str:
     return f"unexplained {before:.0%} of the mean square as it stands, {after:.0%} so"
 
 
-def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns) -> list[Finding]:
+def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, forms: Forms) -> list[Finding]:
     """Torque columns, or positions, whose sign is wrong."""
     if best.swap is not None:
         return []
@@ -143,16 +143,15 @@ def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns) -> 
                 suggestion=turned(len(names), flipped, ["tau"]),
             )
         ]
-    return [_one_sign(names, told, best, j, columns) for j in flipped]
+    return [_one_sign(names, told, best, j, _shows_its_sign(columns, forms, best, j)) for j in flipped]
 
 
-def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, columns: Columns) -> Finding:
-    """The torque of joint ``j`` alone: certain only where the other sign leaves little unexplained.
+def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, shown: bool) -> Finding:
+    """The torque of joint ``j`` alone: certain only where its sign is ``shown`` and the other leaves little over.
 
     A spring on a light wrist looks more like its torque turned round than like its torque; neither explains it.
     """
-    certain = told.scores[j] - best.scores[j] >= CERTAIN and _left(best.scores[j]) < SETTLED
-    certain = certain and _shows_its_sign(columns, best, j)
+    certain = shown and told.scores[j] - best.scores[j] >= CERTAIN and _left(best.scores[j]) < SETTLED
     return Finding(
         "torque_sign",
         "hard" if certain else "warning",
@@ -165,7 +164,7 @@ def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, columns: C
     )
 
 
-def _shows_its_sign(columns: Columns, best: Guess, j: int) -> bool:
+def _shows_its_sign(columns: Columns, forms: Forms, best: Guess, j: int) -> bool:
     """Whether the joint moves both ways, or its torque is mostly that of its links.
 
     Friction along one way is a constant and a slope like any other: a cable's pull that falls off looks like it.
@@ -173,7 +172,7 @@ def _shows_its_sign(columns: Columns, best: Guess, j: int) -> bool:
     dq = columns.dq[:, j]
     if min(np.mean(dq > SIGN_WIDTH), np.mean(dq < -SIGN_WIDTH)) >= BOTH_WAYS:
         return True
-    fit = Forms(columns).fit(j, best.gravity, best.source[j], best.sign[j], best.pace)
+    fit = forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace)
     return bool(fit.coefficients[0] * fit.rigid >= MOSTLY * columns.tau[:, best.source[j]].std())
 
 
