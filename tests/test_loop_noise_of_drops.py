@@ -16,12 +16,13 @@ from hybrid_dynamics.loop import columns as columns_module
 from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.blocks import folds_of
+from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.confirm import test_change as change_on_tests
 from hybrid_dynamics.loop.find import Found, find
 from hybrid_dynamics.loop.further import at_the_end, further_candidates, simplify
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prepare import gather, read_motion
-from hybrid_dynamics.loop.prune import complete, keep_sure
+from hybrid_dynamics.loop.prune import keep_sure
 from hybrid_dynamics.loop.trace import Gain, Judge, joined
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitations

@@ -9,12 +9,13 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
+from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.forms import choose_forms
 from hybrid_dynamics.loop.further import at_the_end, further_candidates, refine, simplify
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor
-from hybrid_dynamics.loop.prune import choose, complete, from_everything, in_errors, keep_sure, without_noise
+from hybrid_dynamics.loop.prune import choose, from_everything, in_errors, keep_sure, without_noise
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, choose_signs, search

@@ -8,7 +8,7 @@ counts (:func:`choose`), the simpler one where both predict as well.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
 from hybrid_dynamics.loop.tangents import covariance_with_settings
-from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE_KEPT, Gain, Judge, has_family, joined, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE_KEPT, Gain, Judge, joined, rank, same_place
 from hybrid_dynamics.types import Array
 
 #: A family must surely sit on at least this many joints, and on half of those that move, to be common.
@@ -138,56 +138,6 @@ def keep_sure(
         report(steps[-1])
 
 
-def complete(
-    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], common: Collection[str] = ()
-) -> list[Term]:
-    """``chosen`` with plain friction, offset and armature where they are expected and the data says so.
-
-    Each plain family is asked on every joint at the level of all these places, for a torque of practical size: where
-    a body acts it takes up what is left out, and then predicts other poses wrongly. A common family (``common``, and
-    what sits on most joints) is one cause: on each other joint its parameter must exceed its own standard error at the
-    level of n questions. Held-out runs must not speak against it; in short runs a held-out part may hold motions that
-    the rest does not know, so a gain there is much to ask of a name that is expected.
-    """
-    evidence = judge.evidence
-    out = list(chosen)
-    moving = [int(j) for j in np.flatnonzero(evidence.samples >= FEWEST_ROWS)]
-    plain = sorted({t.effect for t in evidence.columns.terms if t.family().everywhere})
-    out = _with_sure(judge, out, candidates, [(n, j) for n in plain for j in moving], sizeable=True)
-    sits = Counter(s.effect for s in out if s.joint is not None and s.family().everywhere)
-    for name in sorted(_on_most(sits, len(moving)) | set(common)):
-        out = _with_sure(judge, out, candidates, [(name, j) for j in moving])
-    refit(evidence, out)
-    return out
-
-
-def _with_sure(
-    judge: Judge,
-    chosen: list[Term],
-    candidates: Sequence[Term],
-    places: Sequence[tuple[str, int]],
-    sizeable: bool = False,
-) -> list[Term]:
-    """``chosen`` with those of ``places`` (family, joint) whose coefficient is sure at the level of so many.
-
-    ``sizeable``: only those whose torque is of practical size.
-    """
-    evidence, out = judge.evidence, chosen
-    for name, joint in places:
-        offered = [c for c in candidates if c.effect == name and c.joint == joint]
-        if not offered or has_family(out, name, joint):
-            continue
-        trials = [[*out, c] for c in offered]
-        best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[-1])))
-        x = evidence.fit(best)
-        spread = float(np.sqrt(max(covariance_with_settings(evidence, best, x)[len(x) - 1, len(x) - 1], 0.0)))
-        gain = judge.gain(evidence.held(best, physical=True), evidence.held(out, physical=True))
-        sure = abs(x[-1]) > judge.level(len(places), gain.blocks) * spread and gain.total > -gain.error
-        if sure and (not sizeable or judge.shows(best[-1], float(x[-1]))):
-            out = best
-    return out
-
-
 def losses(judge: Judge, current: Sequence[Term], noise: Held | None = None) -> dict[Term, Gain]:
     """What each effect is worth in the model of all of them; uncertainty from what ``noise`` leaves, or they do."""
     return {term: judge.worth(current, term, noise) for term in current}
@@ -210,7 +160,7 @@ def _common(judge: Judge, current: Sequence[Term], gains: dict[Term, Gain], look
         elif term.family().everywhere:
             unsure.setdefault(term.effect, []).append(term)
     moving = int((evidence.samples >= FEWEST_ROWS).sum())
-    out = _on_most(sure, moving)
+    out = on_most(sure, moving)
     full = evidence.held(current, physical=True)
     names = {t.effect for t in evidence.columns.terms if t.family().everywhere}
     for name, terms in unsure.items():
@@ -267,7 +217,7 @@ def _forced(judge: Judge, current: Sequence[Term]) -> set[Term]:
     return out
 
 
-def _on_most(sits: Counter[str], moving: int) -> set[str]:
+def on_most(sits: Counter[str], moving: int) -> set[str]:
     """Families that sit on enough of the ``moving`` joints to be common."""
     return {name for name, count in sits.items() if count >= max(FEWEST_COMMON, (moving + 1) // 2)}
 

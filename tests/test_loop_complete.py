@@ -1,0 +1,84 @@
+"""What a joint lacks is asked together: friction and an offset that take each other's part show side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from tests.small_arm import arm
+
+from hybrid_dynamics.effects import Effect, Term, predict
+from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop import complete as complete_module
+from hybrid_dynamics.loop.complete import _chance, complete
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.trajectory import Trajectory
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+SEEDS = range(4)
+
+
+def mostly_one_way(effects: Sequence[Effect], seed: int, split: str) -> Trajectory:
+    """10 s in which the shoulder goes back three quarters of the time and forth the rest: friction looks constant."""
+    time = np.arange(2000) / 200.0
+    harmonics = [np.sin(k * 0.8 * np.pi * time) / k * np.exp(-0.08 * k * k) for k in range(1, 7)]
+    q = np.column_stack([0.9 * np.sum(harmonics, axis=0), 0.6 * np.sin(1.95 * time + 1.0) + 0.4 * np.sin(3.3 * time)])
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(ROBOT, effects, q, dq, np.gradient(dq, time, axis=0), time)
+    tau += np.random.default_rng(seed).normal(size=tau.shape)
+    return Trajectory(f"{split}_{seed}", split, time, {"q": q, "dq": dq, "tau": tau})
+
+
+def judged(effects: Sequence[Effect], seed: int) -> tuple[Judge, list[Term]]:
+    settings = LoopSettings()
+    train, test = mostly_one_way(effects, seed, "train"), mostly_one_way(effects, seed + 50, "test")
+    judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, [train], [test], settings), settings)
+    return judge, terms
+
+
+def named(effects: Sequence[Effect]) -> list[set[tuple[str, str]]]:
+    out = []
+    for seed in SEEDS:
+        judge, terms = judged(effects, seed)
+        out.append({(t.effect, ROBOT.joint_names[t.index]) for t in complete(judge, [], terms)})
+    return out
+
+
+def test_friction_and_offset_that_hide_each_other_are_named_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Two thirds of a floor each; alone viscous friction looks most like both of them.
+    hidden = [
+        Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 0.26}),
+        Effect("torque_offset", (SHOULDER,), {"offset": 0.26}),
+    ]
+    truth = {(e.effect, e.joints[0]) for e in hidden}
+    found = named(hidden)
+    assert sum(names == truth for names in found) >= 3
+    assert all(names <= truth for names in found)
+    # Control: one by one another is called first, and then they are not sure.
+    monkeypatch.setattr(complete_module, "_together", lambda judge, chosen, *rest: chosen)
+    assert sum(names == truth for names in named(hidden)) <= 1
+
+
+def test_nothing_is_named_together_where_nothing_is() -> None:
+    assert named([]) == [set()] * len(SEEDS)
+
+
+def test_the_chance_of_a_group_is_uniform_where_nothing_is_there() -> None:
+    # Student's assumption: coefficients from the mean of 20 correlated parts, their covariance from the same parts.
+    rng = np.random.default_rng(0)
+    mix = np.array([[1.0, 0.0, 0.0], [0.9, 0.4, 0.0], [-0.5, 0.3, 0.8]])
+    parts = rng.normal(size=(4000, 20, 3)) @ mix.T
+    chances = [_chance(p.mean(axis=0), np.cov(p.T) / 20, 20) for p in parts]
+    for level in (0.01, 0.1, 0.5):
+        # Three standard deviations of a share out of 4000.
+        assert np.mean(np.array(chances) < level) == pytest.approx(level, abs=3 * np.sqrt(level * (1 - level) / 4000))
+    # Control: a shift of two standard errors in one, much more where the others say where it must be, is seen.
+    shift = np.array([0.4, 0.0, 0.0])
+    assert np.median([_chance(p.mean(axis=0) + shift, np.cov(p.T) / 20, 20) for p in parts]) < 0.01
+
+
+def test_as_many_parts_as_coefficients_say_nothing() -> None:
+    assert _chance(np.ones(3), np.eye(3), 3) == 1.0
