@@ -177,3 +177,20 @@ def test_a_joint_that_moves_one_way_shows_no_sign_of_its_friction(panda, run):
     assert ("hard", "torque_sign", JOINTS[6]) not in told(panda, pull)
     # Control: a wrist that moves both ways, its torque turned round.
     assert ("hard", "torque_sign", JOINTS[6]) in told(panda, run.with_signals(tau=run["tau"] * (1 - 2 * way)))
+
+
+def test_a_wrist_that_turns_with_its_neighbour_is_not_refused_as_exchanged():
+    ur10 = Robot.from_urdf(find_description("ur_description/urdf/ur10_joint_limited_robot.urdf"))
+    second, third = ur10.joint_names[4:]
+    settings = {"from_joint": third, "rows": "own", "sign_of": "partner"}
+    law = {"viscous_coefficient": 0.8, "coulomb_torque": 1.0, "armature": 0.0}
+    coupled = excitation(ur10, [Effect("joint_coupling", (second,), law, settings)], duration=16.0, rate=200.0)
+    findings, _ = check_torque(ur10, [coupled])
+    assert [(f.severity, f.code, f.joint, f.suggestion) for f in findings] == [("warning", "joint_order", second, {})]
+    assert "joint_coupling" in findings[0].text
+    # Control: positions that are exchanged are, where both torques say so.
+    own = [Effect("viscous_friction", (name,), {"viscous_coefficient": 0.8}) for name in (second, third)]
+    run = excitation(ur10, own, duration=16.0, rate=200.0)
+    exchanged = run.with_signals(q=run["q"][:, [0, 1, 2, 3, 5, 4]])
+    findings, _ = check_torque(ur10, [exchanged])
+    assert [(f.severity, f.code, f.joint) for f in findings] == [("hard", "joint_order", second)]

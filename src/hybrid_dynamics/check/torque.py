@@ -181,16 +181,7 @@ def _places(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
     severity: Severity = "hard" if _certain(told, best) else "warning"
     moved = [j for j, k in enumerate(best.source) if j != k]
     if best.swap is not None:
-        a, b = best.swap
-        what = "positions and torques" if moved else "positions"
-        signals = ["q", "dq", "tau"] if moved else ["q", "dq"]
-        changed = [j for j, (x, y) in enumerate(zip(told.scores, best.scores, strict=True)) if x - y > 0.05] or [a, b]
-        text = (
-            f"the {what} of {names[a]} and {names[b]} are exchanged ({_shares(told, best, changed)}); expected the "
-            "columns in the order of the URDF's joints: exchange the columns"
-        )
-        cure = reordered(exchanged(len(names), a, b), signals)
-        return [Finding("joint_order", severity, text, joint=names[a], suggestion=cure)]
+        return [_exchanged(names, told, best, best.swap, severity)]
     if not moved:
         return []
     pairs = "; ".join(f"tau{best.source[j] + 1} fits the motion of {names[j]}" for j in moved)
@@ -200,6 +191,32 @@ def _places(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
     )
     cure = reordered(best.source, ["tau"])
     return [Finding("joint_order", severity, text, joint=names[moved[0]], suggestion=cure)]
+
+
+def _exchanged(names: Sequence[str], told: Guess, best: Guess, pair: tuple[int, int], severity: Severity) -> Finding:
+    """Positions of ``pair`` exchanged: certain only where both joints' torques say so.
+
+    One joint that goes with the other's motion may as well be coupled to it, where the other's own torque is silent.
+    """
+    a, b = pair
+    moved = any(j != k for j, k in enumerate(best.source))
+    what = "positions and torques" if moved else "positions"
+    changed = [j for j, (x, y) in enumerate(zip(told.scores, best.scores, strict=True)) if x - y > 0.05] or [a, b]
+    silent = [j for j in pair if _left(best.scores[j]) >= EXPLAINED]
+    shares = _shares(told, best, changed)
+    if silent:
+        text = (
+            f"the {what} of {names[a]} and {names[b]} may be exchanged ({shares}), but the torque of "
+            f"{names[silent[0]]} says nothing of it: joints that turn with each other look the same, which close-loop "
+            "names joint_coupling; if the columns' order is in doubt, exchange them and check again"
+        )
+        return Finding("joint_order", "warning", text, joint=names[a])
+    text = (
+        f"the {what} of {names[a]} and {names[b]} are exchanged ({shares}); expected the columns in the order of the "
+        "URDF's joints: exchange the columns"
+    )
+    cure = reordered(exchanged(len(names), a, b), ["q", "dq", "tau"] if moved else ["q", "dq"])
+    return Finding("joint_order", severity, text, joint=names[a], suggestion=cure)
 
 
 def _clock(told: Guess, best: Guess) -> list[Finding]:
