@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from hybrid_dynamics.loop.binned import binned_prediction
@@ -67,3 +68,22 @@ def test_rows_that_nobody_uses_change_nothing() -> None:
     one, two = (binned_prediction(value, branch, t, keep, used) for t in (target, other))
     np.testing.assert_array_equal(one, two)
     assert np.all(one[gap] == 0.0)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_an_alarm_is_as_rare_as_it_says_however_many_rows_stand_still(share: float) -> None:
+    # Standing rows do not count. As zeros in place they met moving ones under every alignment but the true one.
+    rng = np.random.default_rng(0)
+    keep = np.zeros(1000, bool)
+    keep[round(500 * (1 - share)) : round(500 * (1 + share))] = True
+
+    def smooth(width: float) -> list[Array]:
+        return [gaussian_filter1d(rng.normal(size=1000), width) for _ in range(2)]
+
+    chances = np.array([shift_test(smooth(10.0), smooth(4.0), [keep, keep]) for _ in range(600)])
+    for level in (0.001, 0.01, 0.1):
+        # Three standard deviations of a share out of 600.
+        assert np.mean(chances < level) <= level + 3 * np.sqrt(level * (1 - level) / 600)
+    # Control: what follows the motion, of about the size of the noise, is seen from the same rows.
+    law = smooth(10.0)
+    assert shift_test(law, [2 * a + b for a, b in zip(law, smooth(4.0), strict=True)], [keep, keep]) < 0.001
