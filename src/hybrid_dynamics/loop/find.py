@@ -19,6 +19,7 @@ from hybrid_dynamics.loop.prune import choose, from_everything, in_errors, keep_
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, choose_signs, search
+from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.loop.trace import Judge, same_place
 from hybrid_dynamics.types import Array
@@ -85,7 +86,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         looked = len({s.place for s in candidates})
         chosen, further = _refined(judge, chosen, candidates, report)
         steps += further
-    chosen = choose_forms(judge, simplify(judge, chosen, candidates))
+    chosen = choose_forms(judge, slow_signs(judge, simplify(judge, chosen, candidates)))
     held = judge.mean_square(evidence.held(chosen, physical=True))
     if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
         further = split_by_run(judge, chosen, candidates, report)
@@ -152,7 +153,7 @@ def _surely(
         # What is sure stays: in its place a richer law would take up what the lost one explained.
         trial, further = _refined(judge, kept, offered, report, replacing=False)
         steps += further
-        trial = choose_forms(judge, simplify(judge, trial, offered))
+        trial = choose_forms(judge, slow_signs(judge, simplify(judge, trial, offered)))
         if set(trial) == set(kept):
             break
         again, same, further = keep_sure(judge, trial, looked, report)

@@ -1,0 +1,99 @@
+"""Dry friction whose sign turns over slowly: one law, where the search has put together several.
+
+Below a few tenths of a radian a second the friction of many geared and lubricated joints is a smooth step (Gaz et al.,
+IEEE RA-L 4(4), 2019, identify one on every joint of a Panda). The grid of the search ends at a sharper one; with the
+widest of these, or a curved viscous law, or both, it makes something like it. What is offered here is the step itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects.sign import WIDTH, with_sign
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.search import take
+from hybrid_dynamics.loop.trace import Judge
+
+#: Widths [rad/s] beyond that of the grid, and as a share of the joint's fastest speed: wider ones are viscous friction.
+WIDEST, OF_FASTEST = 1.0, 0.4
+#: Steps of the search for the width, and how near to its end a width is at it.
+_STEPS, AT_END = 14, 0.02
+
+
+def slow_signs(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
+    """``chosen`` with a smooth step in the place of what stands for one, joint by joint, where it predicts better.
+
+    The step costs two numbers, its width being one; it comes in only where the whole model costs no more with it.
+    """
+    out = list(chosen)
+    widest = max(judge.settings.sign_widths)
+    for joint in sorted({t.index for t in out if _stands_for_one(t, widest)}):
+        own = [t for t in out if t.joint == joint]
+        curved = [t for t in own if len(t.family().viscous_powers) > 1]
+        viscous = [t for t in own if t.family().viscous_powers == (1,)]
+        dry = [t for t in own if _is_dry(t)]
+        room = judge.price(*out) - (0.0 if _wide(dry, widest) else 1.0)
+        trials = [
+            [*rest, step]
+            for gone in ([*curved, *dry], [*curved, *dry, *viscous])
+            if (step := _best_step(judge, rest := [t for t in out if t not in gone], joint)) is not None
+        ]
+        trial = _simplest(judge, [t for t in trials if judge.price(*t) <= room])
+        if trial and judge.evidence.held(trial, physical=True).score < judge.evidence.held(out, physical=True).score:
+            out = trial if take(judge, out, trial) else out
+    refit(judge.evidence, out)
+    return out
+
+
+def _simplest(judge: Judge, trials: Sequence[list[Term]]) -> list[Term]:
+    """Of ``trials`` that predict as well as the best one the one of the lowest price; none of none."""
+    held = [judge.evidence.held(trial, physical=True) for trial in trials]
+    if not held:
+        return []
+    best = min(held, key=lambda h: h.score)
+    good = [trial for trial, own in zip(trials, held, strict=True) if judge.as_good(own, best)]
+    return min(good, key=lambda trial: judge.price(*trial))
+
+
+def _is_dry(term: Term) -> bool:
+    """True for the plain dry friction that every joint may have."""
+    return term.family().everywhere and term.family().turns_sign
+
+
+def _wide(dry: Sequence[Term], widest: float) -> bool:
+    """True where one of ``dry`` has the widest sign of the grid, or a wider one: then its width counts already."""
+    return any(float(t.options.get(WIDTH, 0.0)) >= widest for t in dry)
+
+
+def _stands_for_one(term: Term, widest: float) -> bool:
+    """True for what a search makes of a smooth step: a curved viscous law, a dry friction as wide as the grid goes."""
+    if term.joint is None:
+        return False
+    return len(term.family().viscous_powers) > 1 or (_is_dry(term) and _wide([term], widest))
+
+
+def _best_step(judge: Judge, rest: Sequence[Term], joint: int) -> Term | None:
+    """The dry friction of ``joint`` beside ``rest`` with the width that predicts best; None where that is no width."""
+    evidence = judge.evidence
+    offered = [t for t in evidence.columns.terms if t.joint == joint and _is_dry(t)]
+    low, high = max(judge.settings.sign_widths), min(WIDEST, OF_FASTEST * float(evidence.fastest[joint]))
+    if not offered or not 0.0 < low < high:
+        return None
+
+    def step(u: float) -> Term:
+        width = float(f"{np.exp(u):.4g}")
+        return replace(offered[0], settings=with_sign(offered[0].settings, ((WIDTH, width),)))
+
+    def loss(u: float) -> float:
+        evidence.add_terms([step(u)])
+        return evidence.held([*rest, step(u)]).score
+
+    ends = float(np.log(low)), float(np.log(high))
+    found = minimize_scalar(loss, bounds=ends, method="bounded", options={"maxiter": _STEPS})
+    share = (found.x - ends[0]) / (ends[1] - ends[0])
+    return step(found.x) if AT_END < share < 1 - AT_END else None

@@ -1,0 +1,85 @@
+"""Dry friction that turns over slowly is one law; what is curved for another reason stays as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from tests.small_arm import arm
+
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects.sign import WIDTH
+from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close_loop, slow_sign
+from hybrid_dynamics.loop import find as find_module
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.simulation.excitation import excitations
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+STEP = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 2.0}, {WIDTH: 0.3})
+VISCOUS = Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.4})
+
+
+def closed(effects: Sequence[Effect]) -> LoopResult:
+    train, test = excitations(ROBOT, effects, train=2, test=1, duration=8.0, rate=250.0)
+    return close_loop(ROBOT, train, test)
+
+
+def named(result: LoopResult) -> dict[str, Effect]:
+    return {e.effect.effect: e.effect for e in result.diagnosis.effects}
+
+
+def judged(effects: Sequence[Effect]) -> tuple[Judge, list[Term]]:
+    settings = LoopSettings()
+    train, test = excitations(ROBOT, effects, train=2, test=1, duration=8.0, rate=250.0)
+    judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, train, test, settings), settings)
+    return judge, terms
+
+
+@pytest.mark.parametrize("beside", [[], [VISCOUS]])
+def test_a_smooth_step_is_one_law_with_its_width(monkeypatch: pytest.MonkeyPatch, beside: list[Effect]) -> None:
+    truth = [STEP, *beside]
+    result = closed(truth)
+    found = named(result)
+    assert set(found) == {e.effect for e in truth}
+    # Beside viscous friction a wider step with less of it is nearly the same; the curve is what the data determines.
+    assert found["coulomb_friction"].settings[WIDTH] == pytest.approx(0.3, rel=0.4 if beside else 0.15)
+    dq = np.column_stack([np.zeros(50), np.linspace(0.05, max(np.abs(run.dq[:, 1]).max() for run in result.train), 50)])
+    still = np.zeros_like(dq)
+    curve = [m.predict(still, dq, still)[:, 1] for m in (result.model, Model(ROBOT, tuple(truth)))]
+    np.testing.assert_allclose(curve[0], curve[1], atol=0.02 * np.abs(curve[1]).max())
+    # Control: without the offer the search makes the step of several laws, none of them as wide.
+    monkeypatch.setattr(find_module, "slow_signs", lambda judge, chosen: list(chosen))
+    without = named(closed(truth))
+    assert len(without) > 1
+    assert all(e.settings.get(WIDTH, 0.0) < 0.2 for e in without.values())
+
+
+def test_a_viscous_friction_that_bends_stays_one() -> None:
+    law = {"quadratic_coefficient": 0.5, "cubic_coefficient": 0.2}
+    judge, terms = judged([VISCOUS, Effect("nonlinear_viscous_friction", (ELBOW,), law)])
+    own = [t for t in terms if t.joint == 1 and t.family().viscous_powers]
+    assert len(own) == 2
+    assert set(slow_sign.slow_signs(judge, own)) == set(own)
+
+
+def test_a_sharp_sign_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, terms = judged([Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 2.0}, {WIDTH: 0.03})])
+    own = [t for t in terms if t.joint == 1 and t.effect == "coulomb_friction" and t.options.get(WIDTH) == 0.03]
+    asked: list[int] = []
+    monkeypatch.setattr(slow_sign, "_best_step", lambda judge, rest, joint: asked.append(joint))
+    assert slow_sign.slow_signs(judge, own) == own
+    assert asked == []
+
+
+def test_a_step_as_wide_as_the_motion_is_viscous_friction() -> None:
+    # Where the joint never leaves the foot of the step its height says nothing: the width would end at its end.
+    fastest = float(judged([])[0].evidence.fastest[1])
+    wide = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 20.0}, {WIDTH: 20.0 * fastest})
+    judge, terms = judged([wide])
+    own = [t for t in terms if t.joint == 1 and t.family().viscous_powers]
+    assert slow_sign._best_step(judge, [], 1) is None
+    assert set(slow_sign.slow_signs(judge, own)) == set(own)
+    assert np.isfinite(fastest)
