@@ -18,11 +18,8 @@ from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
-from hybrid_dynamics.loop.trace import Judge, difference_error
+from hybrid_dynamics.loop.trace import PRACTICAL, Judge, difference_error
 from hybrid_dynamics.types import Array
-
-#: A smaller share of the mean square error is no difference in practice.
-PRACTICAL = 0.01
 
 
 @dataclass(frozen=True)

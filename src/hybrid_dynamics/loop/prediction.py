@@ -127,7 +127,7 @@ def predict(
     inside = np.zeros(len(log.time), bool)
     for piece in pieces:
         rows = np.flatnonzero((log.time >= piece.time[0] - 1e-9) & (log.time <= piece.time[-1] + 0.5 * piece.dt))
-        reach = END_PERIODS / _cutoff(piece, settings)
+        reach = END_PERIODS / settings.cutoff_at(piece.dt)
         inside[rows] = (log.time[rows] > piece.time[0] + reach) & (log.time[rows] < piece.time[-1] - reach)
         states = whole_states(piece, settings)
         low_pass = _smoother(piece, settings)
@@ -174,7 +174,7 @@ def _names(model: Model) -> list[str]:
 def whole_states(piece: Trajectory, settings: ProcessSettings) -> tuple[Array, Array, Array]:
     """``q dq ddq`` (T, n) of a uniformly sampled run at the loop's bandwidth, ends included."""
     dt = piece.dt
-    cutoff = _cutoff(piece, settings)
+    cutoff = settings.cutoff_at(piece.dt)
     fitted, reach = (int(np.ceil(periods / cutoff / dt)) for periods in (_FITTED, _REACH))
     sections = butter(4, cutoff, fs=1.0 / dt, output="sos")
 
@@ -185,10 +185,6 @@ def whole_states(piece: Trajectory, settings: ProcessSettings) -> tuple[Array, A
     q = filtered(piece["q"])
     dq = filtered(piece["dq"]) if "dq" in piece else derivative(q, dt)
     return q[inside], dq[inside], derivative(dq, dt)[inside]
-
-
-def _cutoff(piece: Trajectory, settings: ProcessSettings) -> float:
-    return min(settings.cutoff, settings.cutoff_share / piece.dt)
 
 
 def _continued(x: Array, fitted: int, reach: int) -> Array:
@@ -215,7 +211,7 @@ def _before(x: Array, fitted: int, reach: int) -> Array:
 
 def _smoother(piece: Trajectory, settings: ProcessSettings) -> Callable[[Array], Array]:
     """The loop's FIR for torque on (T, ...) arrays; at the ends the part of the window that there is."""
-    kernel = hann_kernel(1.0 / _cutoff(piece, settings), piece.dt)
+    kernel = hann_kernel(1.0 / settings.cutoff_at(piece.dt), piece.dt)
     half = len(kernel) // 2
     if len(piece.time) <= 2 * half:
         return lambda x: np.asarray(x, float)

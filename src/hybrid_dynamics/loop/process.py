@@ -49,6 +49,10 @@ class ProcessSettings:
         require(self.slow_speed >= 0, f"slow_speed is {self.slow_speed}; expected >= 0 rad/s")
         require(self.moving_range > 0, f"moving_range is {self.moving_range}; expected > 0 rad")
 
+    def cutoff_at(self, dt: float) -> float:
+        """Bandwidth [Hz] of a log sampled every ``dt`` [s]."""
+        return min(self.cutoff, self.cutoff_share / dt)
+
 
 @dataclass(frozen=True)
 class Run:
@@ -104,7 +108,7 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
             f"run {trajectory.name}: holds {trajectory.n_joints} joints; robot {robot.name} has {robot.n_joints}"
         )
     rate = 1.0 / dt
-    cutoff = min(settings.cutoff, settings.cutoff_share * rate)
+    cutoff = settings.cutoff_at(dt)
     trim = int(np.ceil(END_PERIODS / cutoff / dt))
     if len(trajectory.time) < 2 * trim + max(20, round(0.3 / dt)):
         raise InputError(

@@ -41,6 +41,8 @@ class Candidate:
     reason: str
 
 
+#: A smaller share of the mean square error is no difference in practice, however sure it is.
+PRACTICAL = 0.01
 #: Fewer clusters than this say nothing about an uncertainty.
 FEWEST_CLUSTERS = 10
 #: Rows of the evidence table that are judged and kept.

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from hybrid_dynamics.loop.trace import difference_error
+from hybrid_dynamics.loop.trace import PRACTICAL, difference_error
 from hybrid_dynamics.types import Array
 
 BETTER, AS_GOOD, WORSE = "better", "as_good", "worse"
-#: A smaller share of the mean square error is no difference, however sure it is.
-NO_DIFFERENCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -49,5 +47,5 @@ def _compare(
     spread, blocks = difference_error(one, other, times, block, np.ones(one[0].shape[1]))
     size = max(squares[1], 1e-300)
     relative, error = (squares[0] - squares[1]) / size, spread / size
-    sure = abs(relative) > max(float(student.ppf(1.0 - chance, max(blocks - 1, 1))) * error, NO_DIFFERENCE)
+    sure = abs(relative) > max(float(student.ppf(1.0 - chance, max(blocks - 1, 1))) * error, PRACTICAL)
     return Comparison(relative, error, (WORSE if relative > 0 else BETTER) if sure else AS_GOOD)
