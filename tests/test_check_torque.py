@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from hybrid_dynamics.check.torque import check_torque
-from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.check import checked
+from hybrid_dynamics.check.columns import standing
+from hybrid_dynamics.check.torque import check_torque, outvoted
+from hybrid_dynamics.effects import Effect, predict
+from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
@@ -194,3 +197,38 @@ def test_a_wrist_that_turns_with_its_neighbour_is_not_refused_as_exchanged():
     exchanged = run.with_signals(q=run["q"][:, [0, 1, 2, 3, 5, 4]])
     findings, _ = check_torque(ur10, [exchanged])
     assert [(f.severity, f.code, f.joint) for f in findings] == [("hard", "joint_order", second)]
+
+
+def test_what_no_run_explains_accuses_no_single_run():
+    ur10 = Robot.from_urdf(find_description("ur_description/urdf/ur10_joint_limited_robot.urdf"))
+    spring = Effect("joint_spring", ("wrist_2_joint",), {"stiffness": 3.0, "rest_position": 0.0}, {"shape": "linear"})
+    logs = []
+    for k, speed in enumerate((2.0, 3.0, 4.5)):
+        run = excitation(ur10, [], name=f"run_{k}", seed=k, duration=16.0, rate=200.0)
+        # At one frequency a spring is a rotor turned round; at three it is not.
+        q = run["q"].copy()
+        q[:, 4] = np.sin(speed * run.time)
+        dq = np.gradient(q, run.dt, axis=0)
+        tau = predict(ur10, [spring], q, dq, np.gradient(dq, run.dt, axis=0), run.time)
+        logs.append(run.with_signals(q=q, tau=tau))
+    gravity = standing(ur10)
+    assert ("warning", "torque_sign", "wrist_2_joint") in told(ur10, logs[0])
+    assert outvoted(ur10, logs, gravity) == []
+    # Another joint that is wrong in one run brings that run into doubt, and that joint alone.
+    turned = logs[0].with_signals(tau=logs[0]["tau"] * np.where(np.arange(6) == 1, -1, 1))
+    assert [(run.name, joints) for run, joints in outvoted(ur10, [turned, *logs[1:]], gravity)] == [
+        ("run_0", ["shoulder_lift_joint"])
+    ]
+    with pytest.raises(InputError, match="run run_0: joint shoulder_lift_joint: the measured torque") as told_so:
+        checked(ur10, [turned, *logs[1:]], [])
+    assert "wrist_2_joint" not in str(told_so.value)
+    # Control: where the other runs do explain the joint, the one that does not is accused of it.
+    rough = [Effect("coulomb_friction", ("wrist_2_joint",), {"coulomb_torque": 3.0})]
+    assert ("run_0", ["wrist_2_joint"]) in [
+        (run.name, joints)
+        for run, joints in outvoted(
+            ur10,
+            [logs[0], *(excitation(ur10, rough, name=n, duration=16.0, rate=200.0) for n in "ab")],
+            gravity,
+        )
+    ]

@@ -153,9 +153,10 @@ def _torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding], Ar
     """All runs together, then those alone that the others may have outvoted."""
     findings, gravity = check_torque(robot, runs)
     if len(runs) > 1 and not any(f.severity == "hard" for f in findings):
-        for run in outvoted(robot, runs, gravity):
+        for run, joints in outvoted(robot, runs, gravity):
             alone, _ = check_torque(robot, [run])
-            findings += [replace(f, run=run.name) for f in alone if f.severity == "hard"]
+            of_it = (f for f in alone if f.severity == "hard" and f.joint in ("", *joints))
+            findings += [replace(f, run=run.name) for f in of_it]
     return findings, gravity
 
 

@@ -75,15 +75,21 @@ def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding
     return findings, best.gravity
 
 
-def outvoted(robot: Robot, runs: Sequence[Trajectory], gravity: Array) -> list[Trajectory]:
-    """Runs in which some joint's torque is explained far worse than in the other runs."""
+def outvoted(robot: Robot, runs: Sequence[Trajectory], gravity: Array) -> list[tuple[Trajectory, list[str]]]:
+    """Runs in which some joints' torque is explained far worse than in the other runs, each with these joints.
+
+    A joint that no run explains says nothing about one of them: what looks like its torque turned round there is what
+    the model lacks.
+    """
     seen = [(run, parts) for run in runs if (parts := stretches([run]))]
     left = np.array(
         [[f.fit(j, gravity).left for j in range(f.n)] for f in (Forms(columns_of(robot, p)) for _, p in seen)]
     )
     if len(left) < 2:
-        return [run for run, _ in seen]
-    return [run for (run, _), own in zip(seen, left, strict=True) if np.any(own - left.min(axis=0) > OUTVOTED)]
+        return [(run, list(robot.joint_names)) for run, _ in seen]
+    worse = left - left.min(axis=0) > OUTVOTED
+    names = np.array(robot.joint_names)
+    return [(run, list(names[own])) for (run, _), own in zip(seen, worse, strict=True) if own.any()]
 
 
 def _holds(told: Guess, best: Guess) -> bool:
@@ -165,11 +171,14 @@ def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, shown: boo
 
 
 def _shows_its_sign(columns: Columns, forms: Forms, best: Guess, j: int) -> bool:
-    """Whether the joint moves both ways, or its torque is mostly that of its links.
+    """Whether the joint moves both ways, or its torque is mostly that of its links; not by a rotor alone.
 
-    Friction along one way is a constant and a slope like any other: a cable's pull that falls off looks like it.
+    Friction along one way is a constant and a slope like any other: a cable's pull that falls off looks like it. At one
+    frequency a spring is a rotor turned round.
     """
     dq = columns.dq[:, j]
+    if forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace, rotor=False).left >= EXPLAINED:
+        return False
     if min(np.mean(dq > SIGN_WIDTH), np.mean(dq < -SIGN_WIDTH)) >= BOTH_WAYS:
         return True
     fit = forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace)
