@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.sign import WIDTH
 from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close_loop, slow_sign
 from hybrid_dynamics.loop import find as find_module
+from hybrid_dynamics.loop.augment import effects_of, refit
 from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.simulation.excitation import excitations
 
@@ -83,3 +86,19 @@ def test_a_step_as_wide_as_the_motion_is_viscous_friction() -> None:
     assert slow_sign._best_step(judge, [], 1) is None
     assert set(slow_sign.slow_signs(judge, own)) == set(own)
     assert np.isfinite(fastest)
+
+
+@pytest.mark.parametrize(("width", "shared"), [(0.3, True), (0.03, False)])
+def test_the_height_of_a_slow_step_is_as_unsure_as_its_width_makes_it(width: float, shared: bool) -> None:
+    # Between foot and top a wider step with a higher top is nearly the same; a sharp one has no such partner.
+    judge, _ = judged([replace(STEP, settings={WIDTH: width}), VISCOUS])
+    own = [Term("coulomb_friction", 1, ((WIDTH, width),)), Term("viscous_friction", 1)]
+    judge.evidence.add_terms(own)
+    x = refit(judge.evidence, own)
+    given_width = np.sqrt(np.diag(judge.evidence.covariance(own, x)))
+    with_width = np.sqrt(np.diag(covariance_with_settings(judge.evidence, own, x)))
+    assert len(with_width) == 2 + shared
+    assert bool(with_width[0] > 1.2 * given_width[0]) is shared
+    told = [e.std_errors for e in effects_of(judge.evidence, own, x, covariance_with_settings(judge.evidence, own, x))]
+    assert told[0]["coulomb_torque"] == pytest.approx(with_width[0], rel=1e-6)
+    assert told[1]["viscous_coefficient"] == pytest.approx(with_width[1], rel=1e-6)

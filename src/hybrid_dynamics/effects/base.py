@@ -95,7 +95,7 @@ class Term:
 
     def refined(self, **values: float) -> Term:
         """The same place with other values of nonlinear parameters."""
-        known = {r.name for r in self.family().nonlinear_settings}
+        known = {r.name for r in self.family().refined_at(self)}
         if unknown := set(values) - known:
             raise InputError(f"effect {self.effect} has no nonlinear parameter {', '.join(sorted(unknown))}")
         return replace(self, settings=tuple(sorted({**self.options, **values}.items())))
@@ -322,10 +322,14 @@ class Family(ABC):
             at = replace(at, z=presliding_sign(at.own_q, displacement))
         return np.broadcast_to(self.law(np, at, parameters, settings), np.shape(at.own_dq)).astype(float)
 
+    def refined_at(self, term: Term) -> tuple[Refined, ...]:
+        """Numbers among the settings of ``term`` that were fitted: what they leave open the parameters share."""
+        return self.nonlinear_settings
+
     def setting_columns(self, motion: Motion, term: Term, x: Array) -> Array:
-        """Derivative of the torque at ``x`` with respect to the nonlinear parameters: as :meth:`columns`, (..., m)."""
+        """Derivative of the torque at ``x`` with respect to :meth:`refined_at`: as :meth:`columns`, (..., m)."""
         parts = []
-        for r in self.nonlinear_settings:
+        for r in self.refined_at(term):
             value = float(term.options[r.name])
             h = 1e-4 * (abs(value) if r.log else max(r.high - r.low, 1e-12))
             up, down = (self.columns(motion, term.refined(**{r.name: value + s * h})) @ x for s in (1, -1))
@@ -387,8 +391,8 @@ class Family(ABC):
         return central_difference(values, x, 1e-6 * np.maximum(1.0, np.abs(x)))
 
     def setting_jacobian(self, x: Array, robot: Robot, term: Term) -> Array:
-        """Derivative of the published parameters with respect to the nonlinear ones, (number of parameters, m)."""
-        names = [r.name for r in self.nonlinear_settings]
+        """Derivative of the published parameters with respect to :meth:`refined_at`, (number of parameters, m)."""
+        names = [r.name for r in self.refined_at(term)]
 
         def values(s: Array) -> Array:
             moved = term.refined(**dict(zip(names, (float(v) for v in s), strict=True)))

@@ -35,10 +35,11 @@ def effects_of(evidence: Evidence, terms: Sequence[Term], x: Array, covariance: 
         errors: dict[str, float] = {}
         if covariance is not None:
             jacobian, which = kind.jacobian(x[own], evidence.robot, term), list(range(own.start, own.stop))
-            if len(covariance) > layout.total and kind.nonlinear_settings:
+            refined = len(kind.refined_at(term))
+            if len(covariance) > layout.total and refined:
                 jacobian = np.hstack([jacobian, kind.setting_jacobian(x[own], evidence.robot, term)])
-                which += range(behind, behind + len(kind.nonlinear_settings))
-                behind += len(kind.nonlinear_settings)
+                which += range(behind, behind + refined)
+                behind += refined
             variance = np.einsum("ij,jk,ik->i", jacobian, covariance[np.ix_(which, which)], jacobian)
             errors = {k: float(np.sqrt(max(v, 0.0))) for k, v in zip(values, variance, strict=True)}
         joints = () if term.joint is None else (names[term.joint],)

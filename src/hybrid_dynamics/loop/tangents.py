@@ -44,7 +44,7 @@ def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array
     A nonlinear parameter that was refined is as uncertain as if it had been fitted with all others, and makes them as
     uncertain as it must. Without nonlinear parameters the same as :meth:`Evidence.covariance`.
     """
-    if not any(s.family().nonlinear_settings for s in terms):
+    if not any(s.family().refined_at(s) for s in terms):
         return evidence.covariance(terms, x)
     layout = evidence.layout(terms)
     tangents = _tangents(evidence, terms, x)
@@ -77,7 +77,7 @@ def _tangents(evidence: Evidence, terms: Sequence[Term], x: Array) -> list[Array
         parts = []
         for term, start in zip(layout.terms, layout.starts, strict=True):
             kind = term.family()
-            count = len(kind.nonlinear_settings)
+            count = len(kind.refined_at(term))
             if not count:
                 continue
             full = np.zeros((len(run.time), evidence.n, count))
