@@ -16,13 +16,14 @@ from scipy.optimize import minimize_scalar
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.sign import WIDTH, with_sign
 from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.further import AT_END
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge
 
 #: Widths [rad/s] beyond that of the grid, and as a share of the joint's fastest speed: wider ones are viscous friction.
 WIDEST, OF_FASTEST = 1.0, 0.4
-#: Steps of the search for the width, and how near to its end a width is at it.
-_STEPS, AT_END = 14, 0.02
+#: Steps of the search for the width.
+_STEPS = 14
 
 
 def slow_signs(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
