@@ -85,7 +85,6 @@ def test_a_step_as_wide_as_the_motion_is_viscous_friction() -> None:
     own = [t for t in terms if t.joint == 1 and t.family().viscous_powers]
     assert slow_sign._best_step(judge, [], 1) is None
     assert set(slow_sign.slow_signs(judge, own)) == set(own)
-    assert np.isfinite(fastest)
 
 
 @pytest.mark.parametrize(("width", "shared"), [(0.3, True), (0.03, False)])

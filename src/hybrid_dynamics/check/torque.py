@@ -25,6 +25,8 @@ SETTLED = 0.2
 #: A joint moves both ways where it spends this share of the log in each; a torque is mostly that of the links where
 #: they make this much of its standard deviation.
 BOTH_WAYS, MOSTLY = 0.05, 0.5
+#: A guess changes a joint where its score (natural logarithm of the mean square left) differs by this much.
+CHANGED = 0.05
 #: A run is looked at alone where it leaves this much more of a joint's mean square than the best run.
 OUTVOTED = 0.3
 #: A guess that gains this much beyond its price (natural logarithm of mean squares) is certain, less is a warning.
@@ -96,7 +98,7 @@ def _holds(told: Guess, best: Guess) -> bool:
     """Whether the better guess is one: what it changes is explained by it, and nothing much got worse."""
     if best is told:
         return False
-    changed = [j for j, (a, b) in enumerate(zip(told.scores, best.scores, strict=True)) if abs(a - b) > 0.05]
+    changed = [j for j, (a, b) in enumerate(zip(told.scores, best.scores, strict=True)) if abs(a - b) > CHANGED]
     gained = [j for j in changed if best.scores[j] < told.scores[j]]
     # Where columns change places, each must be at home where it goes: one that says nothing has no place.
     moved = [j for j, k in enumerate(best.source) if j != k]
@@ -126,7 +128,7 @@ def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, for
         both = best.sign[j] < 0
         what = "position and torque have" if both else "position has"
         cure = turned(len(names), [j], ["q", "dq", *(["tau"] if both else [])])
-        moved = [k for k in range(len(names)) if abs(told.scores[k] - best.scores[k]) > 0.05] or [j]
+        moved = [k for k in range(len(names)) if abs(told.scores[k] - best.scores[k]) > CHANGED] or [j]
         return [
             Finding(
                 "position_sign",
@@ -210,7 +212,7 @@ def _exchanged(names: Sequence[str], told: Guess, best: Guess, pair: tuple[int, 
     a, b = pair
     moved = any(j != k for j, k in enumerate(best.source))
     what = "positions and torques" if moved else "positions"
-    changed = [j for j, (x, y) in enumerate(zip(told.scores, best.scores, strict=True)) if x - y > 0.05] or [a, b]
+    changed = [j for j, (x, y) in enumerate(zip(told.scores, best.scores, strict=True)) if x - y > CHANGED] or [a, b]
     silent = [j for j in pair if _left(best.scores[j]) >= EXPLAINED]
     shares = _shares(told, best, changed)
     if silent:

@@ -11,13 +11,10 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects.base import Family, Term, register
-from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH, displacement_of, sign_of, width_settings
+from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, SLOW, WIDTH, displacement_of, sign_of, width_settings
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
-
-#: Width [rad/s] beyond which the sign turns over slowly: height and width of the step are then known together.
-SLOW = 0.08
 
 
 @register
@@ -48,7 +45,8 @@ class CoulombFriction(Family):
         return width_settings(options["sign_widths"])
 
     def refined_at(self, term: Term) -> tuple[Refined, ...]:
-        # A sharp sign has no say in the torque that the joint moves with; one that turns over slowly has.
+        # A sharp sign has no say in the torque that the joint moves with; one that turns over slowly has: height and
+        # width of the step are then known together.
         slow = float(term.options.get(WIDTH, 0.0)) > SLOW
         return (Refined(WIDTH, SLOW, np.inf),) if slow else ()
 

@@ -21,6 +21,8 @@ from hybrid_dynamics.effects.state import Settings
 from hybrid_dynamics.types import Array
 
 WIDTH, SIGN_DISPLACEMENT = "sign_width", "sign_displacement"
+#: Width [rad/s] beyond which the sign turns over slowly; grids of widths end here.
+SLOW = 0.08
 
 
 def width_settings(widths: tuple[float, ...]) -> list[Settings]:

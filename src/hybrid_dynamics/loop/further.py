@@ -7,15 +7,15 @@ search and are refined afterwards.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from hybrid_dynamics.effects import Family, Motion, Term, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import difference_floor
+from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge, joined
 
@@ -29,10 +29,6 @@ MOST_PLACES = 24
 MOST_INSTEAD = 6
 #: Rows that proposals are made from, at most, per run.
 _ROWS = 4000
-#: Steps of the refinement of one nonlinear parameter.
-_STEPS = 14
-#: A nonlinear parameter this near to the end of its range, as a share of it, stands at that end.
-AT_END = 0.02
 
 
 def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
@@ -136,16 +132,18 @@ def _span(judge: Judge, term: Term) -> float:
 
 def at_the_end(terms: Sequence[Term]) -> list[Term]:
     """Those of ``terms`` with a nonlinear parameter at the end of what is plausible: they stand for something else."""
-    out = []
-    for term in terms:
-        for r in term.family().nonlinear_settings:
-            value, low, high = float(term.options[r.name]), r.low, r.high
-            if r.log:
-                value, low, high = np.log(value), np.log(low), np.log(high)
-            if not AT_END < (value - low) / (high - low) < 1 - AT_END:
-                out.append(term)
-                break
-    return out
+    return [
+        term
+        for term in terms
+        if any(
+            stands_at_end(float(term.options[r.name]), r.low, r.high, r.log) for r in term.family().nonlinear_settings
+        )
+    ]
+
+
+def _with(terms: Sequence[Term], i: int, name: str) -> Callable[[float], list[Term]]:
+    """What makes of a value ``terms`` with it as the setting ``name`` of the ``i``-th."""
+    return lambda value: [*terms[:i], terms[i].refined(**{name: float(f"{value:.6g}")}), *terms[i + 1 :]]
 
 
 def refine(judge: Judge, chosen: Sequence[Term], places: Collection[tuple[Any, ...]] | None = None) -> list[Term]:
@@ -170,17 +168,9 @@ def refine(judge: Judge, chosen: Sequence[Term], places: Collection[tuple[Any, .
                 if not low < high:
                     continue
 
-                def loss(u: float, i: int = i, name: str = r.name, log: bool = r.log) -> float:
-                    value = float(np.exp(u)) if log else float(u)
-                    trial = out[i].refined(**{name: float(f"{value:.6g}")})
-                    evidence.add_terms([trial])
-                    return evidence.held([*out[:i], trial, *out[i + 1 :]]).score
-
-                ends = (np.log(low), np.log(high)) if r.log else (low, high)
-                found = minimize_scalar(loss, bounds=ends, method="bounded", options={"maxiter": _STEPS})
-                value = float(np.exp(found.x)) if r.log else float(found.x)
-                better = out[i].refined(**{r.name: float(f"{value:.6g}")})
-                if found.fun < evidence.held(out).score:
-                    out[i] = better
+                model = _with(out, i, r.name)
+                value, score = best_setting(evidence, low, high, r.log, model)
+                if score < evidence.held(out).score:
+                    out = model(value)
     refit(evidence, out)
     return out

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from hybrid_dynamics.effects import catalogue, family
+from hybrid_dynamics.effects.sign import SLOW
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.loop.process import ProcessSettings
 
@@ -31,7 +32,7 @@ class LoopSettings:
     """
 
     effects: tuple[str, ...] = ()
-    sign_widths: tuple[float, ...] = (0.0, 0.01, 0.03, 0.08)
+    sign_widths: tuple[float, ...] = (0.0, 0.01, 0.03, SLOW)
     sign_displacements: tuple[float, ...] = (1e-4, 3e-4, 1e-3)
     block: float = 0.5
     time_folds: int = 6

@@ -10,20 +10,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from scipy.optimize import minimize_scalar
-
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.sign import WIDTH, with_sign
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.further import AT_END
+from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge
 
 #: Widths [rad/s] beyond that of the grid, and as a share of the joint's fastest speed: wider ones are viscous friction.
 WIDEST, OF_FASTEST = 1.0, 0.4
-#: Steps of the search for the width.
-_STEPS = 14
 
 
 def slow_signs(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
@@ -86,15 +81,9 @@ def _best_step(judge: Judge, rest: Sequence[Term], joint: int) -> Term | None:
     if not offered or not 0.0 < low < high:
         return None
 
-    def step(u: float) -> Term:
-        width = float(f"{np.exp(u):.4g}")
-        return replace(offered[0], settings=with_sign(offered[0].settings, ((WIDTH, width),)))
+    def step(width: float) -> Term:
+        way = ((WIDTH, float(f"{width:.4g}")),)
+        return replace(offered[0], settings=with_sign(offered[0].settings, way))
 
-    def loss(u: float) -> float:
-        evidence.add_terms([step(u)])
-        return evidence.held([*rest, step(u)]).score
-
-    ends = float(np.log(low)), float(np.log(high))
-    found = minimize_scalar(loss, bounds=ends, method="bounded", options={"maxiter": _STEPS})
-    share = (found.x - ends[0]) / (ends[1] - ends[0])
-    return step(found.x) if AT_END < share < 1 - AT_END else None
+    width, _ = best_setting(evidence, low, high, True, lambda w: [*rest, step(w)])
+    return None if stands_at_end(width, low, high, True) else step(width)
