@@ -45,6 +45,8 @@ StateTorque = Callable[..., Array]
 FROM_JOINT = "from_joint"
 #: Setting of an effect that acts in one run only: its name.
 ONLY_RUN = "only_run"
+#: Setting of an effect that is estimated beside others and is no finding: the size [N m] that it is expected within.
+HELD = "held_within"
 
 
 @dataclass(frozen=True, order=True)
@@ -134,6 +136,11 @@ class Effect:
         if len(self.joints) not in expected:
             raise InputError(f"effect {self.effect}: {len(self.joints)} joints are named; expected {expected[-1]}")
 
+    @property
+    def is_finding(self) -> bool:
+        """False for what is estimated beside other effects only so that they come out right."""
+        return HELD not in self.settings
+
     def joint_index(self, robot: Robot) -> int | None:
         """0-based index of the effect's joint in ``robot``."""
         return joint_number(robot, self.joints[0], f"effect {self.effect}") if self.joints else None
@@ -179,6 +186,8 @@ class Family(ABC):
     #: Plain effects of the joints that it acts on: it is named for what it explains beside them, since a law that
     #: several joints share can stand for what each of them has on its own.
     beside: ClassVar[tuple[str, ...]] = ()
+    #: In few poses the same as the weight of links that are identified anew: estimated beside all of them.
+    like_weight: ClassVar[bool] = False
     #: True where every joint of a real arm may well have it: a search that starts from everything starts with these.
     everywhere: ClassVar[bool] = False
     #: Coordinates are ten inertial parameters a body: many free numbers that can imitate simpler effects.

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hybrid_dynamics.effects.base import Family, register
+import numpy as np
+
+from hybrid_dynamics.effects.base import HELD, Family, Term, register
 from hybrid_dynamics.effects.state import Equivalence, Parameter, State
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.types import Array
 
 
 @register
@@ -14,6 +18,8 @@ class TorqueOffset(Family):
     name = "torque_offset"
     scope = "joint"
     everywhere = True
+    like_weight = True
+    known_settings = (HELD,)
     equation = r"\tau = b"
     parameters = (Parameter("offset", "N m"),)
     drawn_against = "time"
@@ -36,3 +42,7 @@ class TorqueOffset(Family):
 
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         return parameters["offset"]
+
+    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
+        held = None if term is None else term.options.get(HELD)
+        return super().prior_scale(robot, term) if held is None else np.array([float(held)])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
 from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rounded, verdict_of
 from hybrid_dynamics.loop.extrapolation import extrapolation
@@ -36,14 +38,14 @@ def describe_result(
     robot, evidence = base.robot, judge.evidence
     alternatives = indistinguishable(judge, found.terms, terms)
     disagreeing = inconsistent(judge, found.terms, found.x, found.inconsistent)
-    open_parameters = {s: undetermined(evidence, found.terms, s) for s in found.terms}
+    open_parameters = {s: undetermined(evidence, [*found.terms, *found.beside], s) for s in found.terms}
     models = [base, *(found.model(found.terms[: k + 1], False) for k in range(len(found.terms)))]
     models[-1] = full
     rms = [moving_rms(m, logs.test) for m in models]
     outside = extrapolation(robot.joint_names, logs.train, logs.test)
     lines: list[str] = []
     entries = []
-    added = full.effects[len(base.effects) :]
+    added = [e for e in full.effects[len(base.effects) :] if e.is_finding]
     for k, (term, effect) in enumerate(zip(found.terms, added, strict=True)):
         entry = effect_to_json(effect)
         entry["indistinguishable_from"] = alternatives.get(term, [])
@@ -60,6 +62,7 @@ def describe_result(
         if not entry["confirmed"]:
             lines.append(f"{term.effect}{_where(robot, term)}: contradicted by the test runs ({entry['why_not']})")
         entries.append(entry)
+    lines += _beside(said.model.effects[len(base.effects) :])
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
         lines.append(
@@ -146,17 +149,33 @@ def _why_not(
     return f"the test runs are predicted better without it ({100 * change.relative:+.1f} % mean square error)"
 
 
+def _beside(added: Sequence[Effect]) -> list[str]:
+    """What is estimated beside all links and is no finding, in one line."""
+    told = [
+        f"{e.effect} of {e.joints[0]} {value:.3g} +- {e.std_errors[name]:.2g} {family(e.effect).unit(name, e.settings)}"
+        for e in added
+        if not e.is_finding
+        for name, value in e.parameters.items()
+    ]
+    return [f"estimated beside all links, which can look the same, and no finding: {'; '.join(told)}"] if told else []
+
+
 def _change(base: Model, effect: Effect) -> list[str]:
     """What became of a joint's effect that ``base`` has already; bodies have their whole inertia in the table."""
     term = effect.term(base.robot)
     kind = term.family()
-    old = [e for e in base.effects if e.term(base.robot) == term and kind.scope == "joint"]
+    old = [e for e in base.effects if _as_finding(e.term(base.robot)) == term and kind.scope == "joint"]
     return [
         f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to "
         f"{was + effect.parameters[p.name]:.4g} {p.unit} since the starting model"
         for p in kind.parameters
         if old and (was := sum(e.parameters[p.name] for e in old)) != 0
     ]
+
+
+def _as_finding(term: Term) -> Term:
+    """``term`` as it would be named."""
+    return replace(term, settings=tuple(s for s in term.settings if s[0] != HELD))
 
 
 def _where(robot: Robot, term: Term) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
+from hybrid_dynamics.loop.beside import beside_links, wanted
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.forms import choose_forms
@@ -35,7 +36,7 @@ MOST_RETURNS = 2
 @dataclass(frozen=True)
 class Found:
     """``terms`` and their coordinates ``x``; ``inconsistent``: those whose parameters differ between runs; ``steps``;
-    ``judge`` as it weighed the joints in the end."""
+    ``judge`` as it weighed the joints in the end; ``beside``: estimated beside all links, and no finding."""
 
     terms: list[Term]
     x: Array
@@ -43,6 +44,7 @@ class Found:
     steps: list[Step]
     notes: list[str]
     judge: Judge
+    beside: list[Term] = field(default_factory=list)
 
     def effects(self, covariance: bool = True) -> list[Effect]:
         """With published parameters and standard errors."""
@@ -51,11 +53,15 @@ class Found:
         return effects_of(evidence, self.terms, self.x, own)
 
     def model(self, terms: Sequence[Term], covariance: bool = True) -> Model:
-        """The completed model with ``terms`` of these alone: re-fitted, but where runs disagree."""
+        """The completed model with ``terms`` of these alone: re-fitted, but where runs disagree.
+
+        Its effects are those of ``terms`` in their order, then what stands ``beside`` all links, where these are in.
+        """
         if not terms:
             return self.judge.evidence.base
         if not self.inconsistent:
-            return model_of(self.judge.evidence, terms, covariance)
+            beside = self.beside if wanted(terms) else []
+            return model_of(self.judge.evidence, [*terms, *beside], covariance)
         kept = [e for s, e in zip(self.terms, self.effects(covariance), strict=True) if s in terms]
         return self.judge.evidence.base.adding(kept)
 
@@ -106,7 +112,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     chosen = complete(judge, links_for_gain(judge, chosen), candidates, common)
     chosen = gain_for_links(judge, without_noise(judge, chosen))
     chosen = without_noise(judge, choose_signs(judge, chosen), sure=True)
-    return Found(chosen, refit(evidence, chosen), [], steps, [], judge)
+    return Found(chosen, refit(evidence, chosen), [], steps, [], judge, beside_links(judge, chosen))
 
 
 def _refined(

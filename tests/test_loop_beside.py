@@ -1,0 +1,116 @@
+"""A constant torque in few poses looks like the links' weight: estimated beside all links, told, and never named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.small_arm import URDF, arm
+
+from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects.base import HELD
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.beside import beside_links
+from hybrid_dynamics.loop.diagnosis import errors_of
+from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.model import load_model
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.simulation.excitation import excitations
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+#: The same arm for runs in few poses.
+FEW_POSES = Robot.from_text(URDF.replace('lower="-2.5" upper="2.5"', 'lower="0.6" upper="1.4"'), "few poses")
+
+
+def links(share: float) -> Effect:
+    """All links heavier by ``share``, as the loop would name it."""
+    (term,) = family("inertial_parameters").terms(ROBOT, np.ones(2, bool), {})
+    inertias = [ROBOT.model.inertias[i].toDynamicParameters() for i in ROBOT.joint_ids]
+    values = term.family().parameters_of(share * np.concatenate(inertias), ROBOT, term)
+    return Effect("inertial_parameters", (), values, dict(term.settings))
+
+
+def judged(effects: list[Effect]) -> tuple[Judge, list[Term], list[Run]]:
+    """Evidence of one run in few poses, the term of all links, and runs in all poses."""
+    settings = LoopSettings()
+    train, _ = excitations(FEW_POSES, effects, train=1, test=0, duration=8.0, rate=250.0)
+    _, test = excitations(ROBOT, effects, train=0, test=2, duration=8.0, rate=250.0)
+    logs = read_motion(ROBOT, train, test, settings)
+    judge, terms, _ = gather(Model(ROBOT), logs, settings)
+    return judge, [t for t in terms if t.family().all_links], logs.test
+
+
+def errors(judge: Judge, chosen: list[Term], beside: list[Term], test: list[Run]) -> tuple[Model, float]:
+    """Completed model, and its error [N m] at the shoulder in all poses."""
+    found = Found(chosen, refit(judge.evidence, chosen), [], [], [], judge, beside)
+    model = found.model(chosen)
+    return model, errors_of(model, test)["rmse"][0]
+
+
+@pytest.mark.parametrize("offset", [1.5, -1.5])
+def test_an_offset_beside_the_links_keeps_other_poses_right(offset: float) -> None:
+    judge, chosen, test = judged([links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": offset})])
+    beside = beside_links(judge, chosen)
+    assert [(t.effect, t.joint) for t in beside] == [("torque_offset", 0), ("torque_offset", 1)]
+    model, error = errors(judge, chosen, beside, test)
+    own = [e for e in model.effects if not e.is_finding]
+    assert [e.joints for e in own] == [(SHOULDER,), (ELBOW,)]
+    for effect, true in zip(own, (offset, 0.0), strict=True):
+        assert effect.parameters["offset"] == pytest.approx(true, abs=2 * effect.std_errors["offset"])
+    # Control: without it the links take it up, and what they weigh elsewhere is wrong by about its size.
+    _, without = errors(judge, chosen, [], test)
+    assert without > 0.4 * abs(offset)
+    assert error < 0.5 * without
+
+
+def test_where_there_is_none_it_stays_within_its_error() -> None:
+    judge, chosen, test = judged([links(0.15)])
+    model, error = errors(judge, chosen, beside_links(judge, chosen), test)
+    for effect in (e for e in model.effects if not e.is_finding):
+        assert abs(effect.parameters["offset"]) < 2 * effect.std_errors["offset"]
+    # What it costs is no more than what the data leaves open.
+    (shoulder, _) = (e.std_errors["offset"] for e in model.effects if not e.is_finding)
+    assert error < shoulder
+
+
+def test_beside_single_causes_nothing_is_estimated() -> None:
+    judge, (every,), _ = judged([links(0.15)])
+    single = [t for t in judge.evidence.columns.terms if t.effect in ("viscous_friction", "torque_offset")]
+    assert beside_links(judge, single) == []
+    named = [t for t in single if t.effect == "torque_offset" and t.joint == 0]
+    assert [t.joint for t in beside_links(judge, [every, *named])] == [1]
+    # It is no part of the model without the links.
+    found = Found([every, *single], refit(judge.evidence, [every, *single]), [], [], [], judge, [named[0]])
+    assert all(e.is_finding for e in found.model(single).effects)
+    assert len(found.model(single).effects) == len(single)
+
+
+def test_it_is_told_kept_and_not_named(tmp_path: Path) -> None:
+    hidden = [links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": 0.3})]
+    train, _ = excitations(FEW_POSES, hidden, train=2, test=0, duration=8.0, rate=250.0)
+    _, test = excitations(ROBOT, hidden, train=0, test=1, duration=8.0, rate=250.0)
+    result = close_loop(ROBOT, train, test, LoopSettings(effects=("inertial_parameters", "torque_offset")))
+    assert [e.effect.effect for e in result.diagnosis.effects] == ["inertial_parameters"]
+    kept = [e for e in result.model.effects if not e.is_finding]
+    assert [(e.effect, e.joints) for e in kept] == [("torque_offset", (SHOULDER,)), ("torque_offset", (ELBOW,))]
+    (note,) = [line for line in result.diagnosis.notes if "no finding" in line]
+    for effect in kept:
+        assert f"torque_offset of {effect.joints[0]} {effect.parameters['offset']:.3g} +- " in note
+    result.model.save(tmp_path / "model.json")
+    again = load_model(tmp_path / "model.json", ROBOT)
+    assert [e.settings for e in again.effects if not e.is_finding] == [e.settings for e in kept]
+    run = test[0]
+    zero = np.zeros_like(run["q"])
+    np.testing.assert_allclose(again.predict(run["q"], zero, zero), result.model.predict(run["q"], zero, zero))
+
+
+def test_the_size_it_is_held_within_is_a_torque() -> None:
+    with pytest.raises(InputError, match=r"held_within is 0\.0; expected a torque > 0 N m"):
+        Effect("torque_offset", (ELBOW,), {"offset": 0.1}, {HELD: 0.0})
