@@ -110,7 +110,11 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     chosen, common, further = _surely(judge, _drop_guesses(judge, chosen), candidates, looked, report)
     steps += further
     chosen = complete(judge, links_for_gain(judge, chosen), candidates, common)
-    chosen = gain_for_links(judge, without_noise(judge, chosen))
+    kept = without_noise(judge, chosen)
+    if any(not s.family().everywhere for s in chosen if s not in kept):
+        # What goes had stood for plain friction, too: of that joint it has not been asked.
+        kept = without_noise(judge, complete(judge, kept, candidates, common))
+    chosen = gain_for_links(judge, kept)
     chosen = without_noise(judge, choose_signs(judge, chosen), sure=True)
     return Found(chosen, refit(evidence, chosen), [], steps, [], judge, beside_links(judge, chosen))
 
