@@ -11,6 +11,7 @@ from tests.small_arm import URDF, arm
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.export.source import Source
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links
@@ -114,3 +115,12 @@ def test_it_is_told_kept_and_not_named(tmp_path: Path) -> None:
 def test_the_size_it_is_held_within_is_a_torque() -> None:
     with pytest.raises(InputError, match=r"held_within is 0\.0; expected a torque > 0 N m"):
         Effect("torque_offset", (ELBOW,), {"offset": 0.1}, {HELD: 0.0})
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"), [({HELD: 0.2}, "torque_offset (elbow, no finding)"), ({}, "torque_offset (elbow)")]
+)
+def test_an_export_says_what_is_no_finding(settings: dict[str, float], told: str) -> None:
+    model = Model(ROBOT, (Effect("torque_offset", (ELBOW,), {"offset": 0.1}, settings),))
+    head = Source(model, Path("arm.urdf")).head("c")
+    assert any(line.strip().startswith(f"{told}: offset 0.1 N m") for line in head)

@@ -116,8 +116,9 @@ class Source:
 
 
 def name(effect: Effect) -> str:
-    """Effect and place, for people."""
-    return f"{effect.effect} ({effect.joints[0] if effect.joints else 'whole robot'})"
+    """Effect and place, for people; of what is estimated beside others only, that it is no finding."""
+    place = effect.joints[0] if effect.joints else "whole robot"
+    return f"{effect.effect} ({place}{'' if effect.is_finding else ', no finding'})"
 
 
 def values(effect: Effect) -> str:
