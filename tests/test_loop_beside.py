@@ -112,6 +112,23 @@ def test_it_is_told_kept_and_not_named(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.predict(run["q"], zero, zero), result.model.predict(run["q"], zero, zero))
 
 
+@pytest.mark.parametrize("moved", [0.0, 1.0])
+def test_what_has_changed_since_is_a_finding(moved: float) -> None:
+    # The model of the last calibration holds an offset that was none: what is added to it is named, or it is not there.
+    held = Effect("torque_offset", (SHOULDER,), {"offset": 0.3}, {HELD: 1.5}, {"offset": 0.2})
+    start = Model(ROBOT, (links(0.15), held))
+    hidden = [links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": 0.3 + moved})]
+    train, test = excitations(ROBOT, hidden, train=2, test=1, duration=8.0, rate=250.0)
+    result = close_loop(ROBOT, train, test, start=start)
+    found = [e.effect for e in result.diagnosis.effects]
+    assert [(e.effect, e.joints, dict(e.settings)) for e in found] == [("torque_offset", (SHOULDER,), {})] * bool(moved)
+    for effect in found:
+        assert effect.parameters["offset"] == pytest.approx(moved, abs=3 * effect.std_errors["offset"])
+        (change,) = [line for line in result.diagnosis.notes if "since the starting model" in line]
+        assert change.startswith(f"torque_offset of {SHOULDER}: offset changed from 0.3 to 1.")
+    assert result.model.effects[: len(start.effects)] == start.effects
+
+
 def test_the_size_it_is_held_within_is_a_torque() -> None:
     with pytest.raises(InputError, match=r"held_within is 0\.0; expected a torque > 0 N m"):
         Effect("torque_offset", (ELBOW,), {"offset": 0.1}, {HELD: 0.0})

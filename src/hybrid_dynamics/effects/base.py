@@ -91,6 +91,11 @@ class Term:
         return self.family().place(self)
 
     @property
+    def as_finding(self) -> Term:
+        """The same place as it is named: what is estimated beside others only is no finding (:data:`HELD`)."""
+        return replace(self, settings=tuple(s for s in self.settings if s[0] != HELD))
+
+    @property
     def options(self) -> dict[str, Any]:
         """The settings as a dictionary."""
         return dict(self.settings)

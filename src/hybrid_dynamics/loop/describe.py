@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term, family
-from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
 from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rounded, verdict_of
 from hybrid_dynamics.loop.extrapolation import extrapolation
@@ -164,18 +162,13 @@ def _change(base: Model, effect: Effect) -> list[str]:
     """What became of a joint's effect that ``base`` has already; bodies have their whole inertia in the table."""
     term = effect.term(base.robot)
     kind = term.family()
-    old = [e for e in base.effects if _as_finding(e.term(base.robot)) == term and kind.scope == "joint"]
+    old = [e for e in base.effects if e.term(base.robot).as_finding == term and kind.scope == "joint"]
     return [
         f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to "
         f"{was + effect.parameters[p.name]:.4g} {p.unit} since the starting model"
         for p in kind.parameters
         if old and (was := sum(e.parameters[p.name] for e in old)) != 0
     ]
-
-
-def _as_finding(term: Term) -> Term:
-    """``term`` as it would be named."""
-    return replace(term, settings=tuple(s for s in term.settings if s[0] != HELD))
 
 
 def _where(robot: Robot, term: Term) -> str:

@@ -123,7 +123,7 @@ def candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -
         kind = family(name)
         if kind.scope == "joint" or kind.changes_reading:
             terms += [s for s in kind.terms(robot, moving, options) if kind.is_wide(s)]
-    own = [effect.term(base.robot) for effect in base.effects]
+    own = [effect.term(base.robot).as_finding for effect in base.effects]
     own = [s for s in dict.fromkeys(own) if s.family().scope == "joint" and s.joint is not None and moving[s.joint]]
     return [
         *(s for s in terms if not any(same_place(s, o) for o in own)),
