@@ -88,7 +88,9 @@ def test_beside_single_causes_nothing_is_estimated() -> None:
     named = [t for t in single if t.effect == "torque_offset" and t.joint == 0]
     assert [t.joint for t in beside_links(judge, [every, *named])] == [1]
     # It is no part of the model without the links.
-    found = Found([every, *single], refit(judge.evidence, [every, *single]), [], [], [], judge, [named[0]])
+    held = beside_links(judge, [every])
+    found = Found([every, *single], refit(judge.evidence, [every, *single]), [], [], [], judge, held)
+    assert [e.is_finding for e in found.model([every]).effects] == [True, False, False]
     assert all(e.is_finding for e in found.model(single).effects)
     assert len(found.model(single).effects) == len(single)
 

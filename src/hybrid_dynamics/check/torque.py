@@ -98,11 +98,15 @@ def _holds(told: Guess, best: Guess) -> bool:
     """Whether the better guess is one: what it changes is explained by it, and nothing much got worse."""
     if best is told:
         return False
-    changed = [j for j, (a, b) in enumerate(zip(told.scores, best.scores, strict=True)) if abs(a - b) > CHANGED]
-    gained = [j for j in changed if best.scores[j] < told.scores[j]]
+    gained = [j for j in _changed(told, best) if best.scores[j] < told.scores[j]]
     # Where columns change places, each must be at home where it goes: one that says nothing has no place.
     moved = [j for j, k in enumerate(best.source) if j != k]
     return bool(gained) and all(_left(best.scores[j]) < EXPLAINED for j in {*gained, *moved})
+
+
+def _changed(told: Guess, best: Guess) -> list[int]:
+    """Joints that the better guess makes better or worse."""
+    return [j for j, (a, b) in enumerate(zip(told.scores, best.scores, strict=True)) if abs(a - b) > CHANGED]
 
 
 def _left(score: float) -> float:
@@ -128,7 +132,7 @@ def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, for
         both = best.sign[j] < 0
         what = "position and torque have" if both else "position has"
         cure = turned(len(names), [j], ["q", "dq", *(["tau"] if both else [])])
-        moved = [k for k in range(len(names)) if abs(told.scores[k] - best.scores[k]) > CHANGED] or [j]
+        moved = _changed(told, best) or [j]
         return [
             Finding(
                 "position_sign",

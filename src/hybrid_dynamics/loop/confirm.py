@@ -85,8 +85,7 @@ def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequenc
         kept.remove(worst)
         refused.append(worst)
         model = found.model(kept)
-    named = [e for e in full.effects[len(base.effects) :] if e.is_finding]
-    inactive = [e for s, e in zip(found.terms, named, strict=True) if s in refused]
+    inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]
     return Confirmation(changes, tuple(refused), model.with_inactive(inactive))
 
 

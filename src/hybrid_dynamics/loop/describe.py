@@ -43,8 +43,7 @@ def describe_result(
     outside = extrapolation(robot.joint_names, logs.train, logs.test)
     lines: list[str] = []
     entries = []
-    added = [e for e in full.effects[len(base.effects) :] if e.is_finding]
-    for k, (term, effect) in enumerate(zip(found.terms, added, strict=True)):
+    for k, (term, effect) in enumerate(zip(found.terms, found.named(full), strict=True)):
         entry = effect_to_json(effect)
         entry["indistinguishable_from"] = alternatives.get(term, [])
         if open_parameters[term]:

@@ -52,6 +52,10 @@ class Found:
         own = published_covariance(evidence, self.terms, self.x) if covariance else None
         return effects_of(evidence, self.terms, self.x, own)
 
+    def named(self, full: Model) -> list[Effect]:
+        """Of ``full``, the model of all :attr:`terms`, their effects in their order."""
+        return [e for e in full.effects[len(self.judge.evidence.base.effects) :] if e.is_finding]
+
     def model(self, terms: Sequence[Term], covariance: bool = True) -> Model:
         """The completed model with ``terms`` of these alone: re-fitted, but where runs disagree.
 
