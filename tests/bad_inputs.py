@@ -456,7 +456,8 @@ def good(folder: Path) -> None:
     train, test = excitations(arm(), HIDDEN, train=2, test=1, duration=6.0, rate=200.0)
     for name, run in zip(("a", "b", "test"), (*train, *test), strict=True):
         columns = {"time": run.time} | {f"{s}{j + 1}": run[s][:, j] for s in ("q", "tau") for j in range(2)}
-        pd.DataFrame(columns).to_csv(folder / f"{name}.csv", index=False)
+        # As many digits as every machine computes alike: an error may quote a row.
+        pd.DataFrame(columns).to_csv(folder / f"{name}.csv", index=False, float_format="%.9g")
     save_model(folder / "model.json", Model(arm(), HIDDEN))
 
 
