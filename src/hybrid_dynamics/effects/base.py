@@ -25,15 +25,16 @@ from abc import ABC
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_dynamics.effects.declared import Declared
 from hybrid_dynamics.effects.keys import central_difference, hashable, joint_number, split_key
 from hybrid_dynamics.effects.settings import check_refined, check_settings
 from hybrid_dynamics.effects.sign import presliding_sign
-from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, Scope, Settings, State, Variable
+from hybrid_dynamics.effects.state import Motion, Refined, Settings, State
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
@@ -157,7 +158,7 @@ class Effect:
         return Term(self.effect, self.joint_index(robot), tuple(sorted(settings.items())))
 
 
-class Family(ABC):
+class Family(Declared, ABC):
     """One entry of the catalogue. Subclasses are registered by :func:`register` under ``name``.
 
     >>> from hybrid_dynamics import Family
@@ -168,65 +169,6 @@ class Family(ABC):
     >>> "coulomb_friction" in catalogue()
     True
     """
-
-    name: ClassVar[str]
-    scope: ClassVar[Scope]
-    parameters: ClassVar[tuple[Parameter, ...]]
-    #: The torque that the drive must add (TeX).
-    equation: ClassVar[str] = ""
-    #: Number of coordinates; ask ``term.size`` where it may depend on the term.
-    size: ClassVar[int] = 1
-    #: Sought without being asked for by name.
-    searched: ClassVar[bool] = True
-    #: Sought only where it is asked for by name: too free, or about the recording rather than the robot.
-    asked_only: ClassVar[bool] = False
-    #: A joint effect that may also be one for all joints together (no joint is named then).
-    shared: ClassVar[bool] = False
-    #: Several of it may sit on one joint (see :meth:`place`).
-    several: ClassVar[bool] = False
-    #: Families that this one holds as a special case: they go from its joint when it comes (see :meth:`covers`).
-    contains: ClassVar[tuple[str, ...]] = ()
-    #: A body that may be put on and taken off: its mass is what a reader asks for.
-    detachable: ClassVar[bool] = False
-    #: Plain effects of the joints that it acts on: it is named for what it explains beside them, since a law that
-    #: several joints share can stand for what each of them has on its own.
-    beside: ClassVar[tuple[str, ...]] = ()
-    #: In few poses the same as the weight of links that are identified anew: estimated beside all of them.
-    like_weight: ClassVar[bool] = False
-    #: True where every joint of a real arm may well have it: a search that starts from everything starts with these.
-    everywhere: ClassVar[bool] = False
-    #: Coordinates are ten inertial parameters a body: many free numbers that can imitate simpler effects.
-    is_body: ClassVar[bool] = False
-    #: All bodies of the robot at once: they can make any multiple of its torque.
-    all_links: ClassVar[bool] = False
-    #: True where the torque is not exactly linear in the coordinates.
-    nonlinear: ClassVar[bool] = False
-    #: Names of the settings it may have (what they may be: ``effects/settings.py``).
-    known_settings: ClassVar[tuple[str, ...]] = ()
-    #: Parameters that stand as numbers in the settings of a term and are refined.
-    nonlinear_settings: ClassVar[tuple[Refined, ...]] = ()
-    #: True where the torque depends on the rigid-body torque of the joint, and so on all other effects of the body.
-    uses_load: ClassVar[bool] = False
-    #: True where the columns follow the torque of the whole model so far (``Motion.given_torque``).
-    uses_torque: ClassVar[bool] = False
-    #: True where the effect changes what is read (a gain, an offset, a delay), not what the robot does.
-    changes_reading: ClassVar[bool] = False
-    #: Powers of the speed, one for each coordinate, where the effect is a viscous torque x |dq|^power sign(dq).
-    viscous_powers: ClassVar[tuple[int, ...]] = ()
-    #: True where the torque follows sign(dq); how that turns over is a setting (see ``effects/sign.py``).
-    turns_sign: ClassVar[bool] = False
-    #: True where the coordinates lie on a surface (:meth:`surface`).
-    on_surface: ClassVar[bool] = False
-    #: True where the effect changes the rigid body.
-    changes_body: ClassVar[bool] = False
-    #: True where the columns are constants times ``Motion.regressor``: smoothed once, it serves all such effects.
-    by_regressor: ClassVar[bool] = False
-    #: The variable a residual is drawn against so that the effect shows.
-    drawn_against: ClassVar[Variable] = "dq"
-    #: What motion shows this effect as itself (one clause, follows "a motion in which").
-    shown_by: ClassVar[str] = ""
-    #: Families that can make the same torque, and why.
-    equivalent_to: ClassVar[tuple[Equivalence, ...]] = ()
 
     # -- where it can sit ---------------------------------------------------------------------------------------------
     def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
@@ -416,7 +358,7 @@ class Family(ABC):
         return central_difference(values, at, 1e-6 * np.maximum(np.abs(at), 1e-6))
 
     # -- the inverse --------------------------------------------------------------------------------------------------
-    def change(self, robot: Robot, effect: Effect) -> None:  # noqa: B027 (most effects leave the rigid body alone)
+    def change(self, robot: Robot, effect: Effect) -> None:
         """Enter ``robot.model`` (changed in place), where the effect is part of the rigid body."""
 
     # -- what a study needs -------------------------------------------------------------------------------------------
