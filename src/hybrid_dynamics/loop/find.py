@@ -23,6 +23,7 @@ from hybrid_dynamics.loop.search import Step, choose_signs, search
 from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.loop.trace import Judge, same_place
+from hybrid_dynamics.loop.widen import widened
 from hybrid_dynamics.types import Array
 
 #: A joint whose held-out mean square exceeds that of the floor by this share has something left to find.
@@ -119,7 +120,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         # What goes had stood for plain friction, too: of that joint it has not been asked.
         kept = without_noise(judge, complete(judge, kept, candidates, common))
     chosen = gain_for_links(judge, kept)
-    chosen = without_noise(judge, choose_signs(judge, chosen), sure=True)
+    chosen = widened(judge, without_noise(judge, choose_signs(judge, chosen), sure=True))
     return Found(chosen, refit(evidence, chosen), [], steps, [], judge, beside_links(judge, chosen))
 
 

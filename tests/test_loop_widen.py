@@ -1,0 +1,66 @@
+"""One link changed beyond belief gives way to all links near the URDF's; a block that really is there stays."""
+
+from __future__ import annotations
+
+import pytest
+from tests.test_loop_beside import ROBOT, SHOULDER, errors, judged
+
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects.inertia import link_parameters, to_body
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.beside import beside_links
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.widen import BELIEVED, beyond_belief, widened
+
+
+def first_link(judge: Judge) -> list[Term]:
+    """The model that a search would end with if one link stood for everything."""
+    return [t for t in judge.evidence.columns.terms if t.effect == "link_inertia" and t.joint == 0]
+
+
+def changed(judge: Judge, chosen: list[Term]) -> float:
+    return beyond_belief(judge, chosen, refit(judge.evidence, chosen))
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        Effect("torque_offset", (SHOULDER,), {"offset": -8.0}),
+        Effect("joint_spring", (SHOULDER,), {"stiffness": 15.0, "rest_position": 0.0}, {"shape": "linear"}),
+    ],
+    ids=["offset", "spring"],
+)
+def test_a_link_that_no_such_link_is_gives_way_to_all_links(hidden: Effect) -> None:
+    judge, (every,), test = judged([hidden])
+    single = first_link(judge)
+    assert changed(judge, single) > BELIEVED
+    assert widened(judge, single) == [every]
+    # In the poses of the run both are right; in others the one link is not.
+    _, before = errors(judge, single, [], test)
+    _, after = errors(judge, [every], beside_links(judge, [every]), test)
+    assert after < 0.9 * before
+
+
+@pytest.mark.parametrize("times", [1.0, 5.0, 10.0])
+def test_a_block_that_is_there_stays_however_heavy(times: float) -> None:
+    body = to_body(link_parameters(ROBOT, 0) * (1 + times))
+    judge, _, _ = judged([Effect("link_inertia", (SHOULDER,), body)])
+    single = first_link(judge)
+    assert (changed(judge, single) > BELIEVED) == (times > 1)
+    assert widened(judge, single) == single
+
+
+def test_a_change_that_is_believed_is_not_asked() -> None:
+    # An offset that all links and a constant would explain better, but the link is one that could be.
+    judge, (every,), _ = judged([Effect("torque_offset", (SHOULDER,), {"offset": -3.0})])
+    single = first_link(judge)
+    assert changed(judge, single) < BELIEVED
+    refit(judge.evidence, single, everything=True)
+    together = [every, *beside_links(judge, [every])]
+    assert judge.evidence.held(together, physical=True).score < judge.evidence.held(single, physical=True).score
+    assert widened(judge, single) == single
+
+
+def test_all_links_are_not_asked_again() -> None:
+    judge, chosen, _ = judged([Effect("torque_offset", (SHOULDER,), {"offset": -8.0})])
+    assert widened(judge, chosen) == chosen
