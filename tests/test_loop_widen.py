@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.test_loop_beside import ROBOT, SHOULDER, errors, judged
+from tests.test_loop_beside import ROBOT, SHOULDER, errors, judged, links
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
@@ -64,3 +64,28 @@ def test_a_change_that_is_believed_is_not_asked() -> None:
 def test_all_links_are_not_asked_again() -> None:
     judge, chosen, _ = judged([Effect("torque_offset", (SHOULDER,), {"offset": -8.0})])
     assert widened(judge, chosen) == chosen
+
+
+def two_links(judge: Judge) -> list[Term]:
+    """A model of two single bodies."""
+    return [t for t in judge.evidence.columns.terms if t.effect in ("link_inertia", "payload")]
+
+
+def test_several_bodies_that_are_there_stay() -> None:
+    body = to_body(link_parameters(ROBOT, 0) * 1.5)
+    payload = to_body(link_parameters(ROBOT, 1) * 0.5)
+    judge, _, _ = judged([Effect("link_inertia", (SHOULDER,), body), Effect("payload", (), payload)])
+    bodies = two_links(judge)
+    assert len(bodies) == 2
+    assert changed(judge, bodies) < BELIEVED
+    assert widened(judge, bodies) == bodies
+
+
+def test_several_bodies_that_stand_for_a_constant_give_way() -> None:
+    judge, (every,), test = judged([links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": -3.0})])
+    bodies = two_links(judge)
+    assert changed(judge, bodies) < BELIEVED
+    assert widened(judge, bodies) == [every]
+    _, before = errors(judge, bodies, [], test)
+    _, after = errors(judge, [every], beside_links(judge, [every]), test)
+    assert after < 0.9 * before

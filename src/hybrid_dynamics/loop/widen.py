@@ -1,8 +1,10 @@
-"""One link changed beyond belief, or all links a little? The data may not tell; what the URDF says of the links does.
+"""A link or two changed much, or all links a little? The data may not tell; what the URDF says of the links does.
 
 Where several links are off and a run is short, the ten numbers of one link can stand for all of them: with a mass that
 no such link has, right in the poses of the run and far off in others. The burden of proof is then turned round: all
-links together, each near what the URDF says, take its place where they predict held-out samples no worse.
+links together, each near what the URDF says, take its place where they predict held-out samples no worse. Where several
+bodies are named, each as it could be, a URDF that is approximate everywhere is as likely: all links are named where
+they predict better by a standard error, not by the several that an effect beside others must gain.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.inertial_parameters import body_scale
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links
+from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge, joined
 from hybrid_dynamics.types import Array
 
@@ -23,29 +26,30 @@ from hybrid_dynamics.types import Array
 BELIEVED = 2.0
 #: Of the ten parameters mass and first moment: inertias show in accelerations, in a short run hardly.
 WEIGHED = 4
+#: Standard errors by which held-out samples must be predicted better where several bodies are named, all believed.
+BETTER = 1.0
 
 
 def widened(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
-    """``chosen`` with all links' parameters in the place of bodies, where one of these is beyond belief.
+    """``chosen`` with all links' parameters in the place of bodies, where one of these is beyond belief or several are
+    named.
 
-    What is estimated beside all links stands beside them here, too: a constant torque is what one link bends itself for.
+    What is estimated beside all links stands beside them here, too: a link bends itself for a constant torque.
     """
     evidence = judge.evidence
     links = [t for t in evidence.columns.terms if t.family().all_links]
-    if not links or links[0] in chosen:
+    bodies = [t for t in chosen if t.family().is_body]
+    if not links or links[0] in bodies or not bodies:
         return list(chosen)
-    x = refit(evidence, chosen)
-    if beyond_belief(judge, chosen, x) <= BELIEVED:
+    unbelieved = beyond_belief(judge, chosen, refit(evidence, chosen)) > BELIEVED
+    if not unbelieved and len(bodies) < 2:
         return list(chosen)
-    before = evidence.held(chosen, physical=True).score
     trial = joined(chosen, links[0])
-    refit(evidence, chosen, everything=True)
     together = [*trial, *beside_links(judge, trial)]
-    refit(evidence, together)
-    if evidence.held(together, physical=True).score <= before:
-        return trial
-    refit(evidence, chosen)
-    return list(chosen)
+    refit(evidence, chosen, everything=True)
+    gain = judge.gain(evidence.held(together, physical=True), evidence.held(chosen, physical=True))
+    better = gain.surer_than(0.0 if unbelieved else BETTER)
+    return trial if better and take(judge, chosen, together) else list(chosen)
 
 
 def beyond_belief(judge: Judge, chosen: Sequence[Term], x: Array) -> float:
