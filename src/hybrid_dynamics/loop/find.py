@@ -120,7 +120,11 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         # What goes had stood for plain friction, too: of that joint it has not been asked.
         kept = without_noise(judge, complete(judge, kept, candidates, common))
     chosen = gain_for_links(judge, kept)
-    chosen = widened(judge, without_noise(judge, choose_signs(judge, chosen), sure=True))
+    kept = without_noise(judge, choose_signs(judge, chosen), sure=True)
+    chosen = widened(judge, kept)
+    if chosen != kept:
+        # What stood beside one body may be nothing beside all of them.
+        chosen = without_noise(judge, chosen)
     return Found(chosen, refit(evidence, chosen), [], steps, [], judge, beside_links(judge, chosen))
 
 
