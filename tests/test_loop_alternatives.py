@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from hybrid_dynamics.effects import Effect, with_effects
-from hybrid_dynamics.loop import close_loop
+from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop.alternatives import indistinguishable
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -122,3 +125,70 @@ def test_a_ripple_is_found_at_its_harmonic_in_a_short_range_and_none_in_less_tha
         assert ripples[0]["confirmed"]
     else:
         assert ripples == []
+
+
+@pytest.mark.parametrize("gain", [True, False], ids=["gain", "friction"])
+def test_a_gain_of_a_joint_that_is_mostly_friction_is_named_or_said_to_be_as_good(arm, gain):
+    """Asked what changed: a torque read 3 % too large is, on a joint that mostly rubs, as good as rougher friction."""
+    friction = Effect("coulomb_friction", ("j2",), {"coulomb_torque": 20.0}, {"sign_width": 0.01})
+    calibrated = Model(arm, (friction,))
+    runs = []
+    for seed in range(4):
+        run = swing(arm, 0.4, seed, effects=())
+        speed = np.gradient(run["q"], run.time, axis=0)
+        size, factor = (20.0, 1.03) if gain else (22.0, 1.0)
+        tau = run["tau"] + size * np.tanh(speed / 0.01) * [0, 1]
+        runs.append(run.with_signals(tau=tau * [1, factor]))
+    diagnosis = close_loop(arm, runs[:3], runs[3:], start=calibrated).diagnosis.to_json()
+    names = {(e["effect"], *e["joints"]) for e in diagnosis["effects"]}
+    alike = {
+        (a["effects"][0]["effect"], *a["effects"][0]["joints"])
+        for e in diagnosis["effects"]
+        for a in e["indistinguishable_from"]
+        if len(a["effects"]) == 1
+    }
+    if gain:
+        assert ("torque_gain", "j2") in names | alike
+    else:
+        # A gain would make the weight of the link larger, too, and that is not recorded.
+        assert names == {("coulomb_friction", "j2")}
+        assert ("torque_gain", "j2") not in alike
+
+
+@pytest.mark.parametrize(("reach", "alike"), [(0.03, True), (1.5, False)], ids=["tilt, one posture", "offsets, wide"])
+def test_one_cause_that_does_as_well_as_several_names_together_is_listed_with_each(arm, reach, alike):
+    runs = [swing(arm, reach, seed, effects=(TILT,) if alike else ()) for seed in range(4)]
+    if not alike:
+        runs = [run.with_signals(tau=run["tau"] + [0.6, 0.2]) for run in runs]
+    settings = LoopSettings()
+    judge, candidates, _ = gather(Model(arm), read_motion(arm, runs[:3], runs[3:], settings), settings)
+    offsets = [t for t in candidates if t.effect == "torque_offset"]
+    refit(judge.evidence, offsets)
+    for others in indistinguishable(judge, offsets, candidates).values():
+        tilt = [o["why"] for o in others if {e["effect"] for e in o["effects"]} == {"gravity_tilt"}]
+        assert bool(tilt) is alike
+        assert all("torque_offset of j1 and torque_offset of j2" in why for why in tilt)
+
+
+@pytest.mark.parametrize("gain", [1.1, 1.0], ids=["gain", "friction"])
+def test_one_gain_of_all_joints_is_not_told_as_rougher_friction_and_heavier_links_on_each(arm, gain):
+    """Asked what changed of an arm whose calibration is off by a law that the catalogue lacks."""
+    friction = {"coulomb_torque": 6.0}
+    calibrated = Model(
+        arm, tuple(Effect("coulomb_friction", (j,), friction, {"sign_width": 0.01}) for j in ("j1", "j2"))
+    )
+    runs = []
+    for seed in range(4):
+        run = swing(arm, 1.0, seed, effects=())
+        speed = np.gradient(run["q"], run.time, axis=0)
+        size = 6.0 if gain > 1 else np.array([6.0, 7.0])
+        lacking = 0.3 * np.sin(7 * run["q"][:, [0]] * run["q"][:, [1]]) * [1, 1]
+        tau = gain * (run["tau"] + size * np.tanh(speed / 0.01) + lacking)
+        runs.append(run.with_signals(tau=tau))
+    diagnosis = close_loop(arm, runs[:3], runs[3:], start=calibrated.with_misfit([0.25, 0.25])).diagnosis
+    names = [(e.effect.effect, *e.effect.joints) for e in diagnosis.effects]
+    if gain > 1:
+        assert names == [("torque_gain",)]
+        assert diagnosis.effects[0].effect.parameters["gain"] == pytest.approx(gain, rel=0.02)
+    else:
+        assert names == [("coulomb_friction", "j2")]

@@ -251,6 +251,10 @@ def test_what_is_simpler_spares_every_joint(second: float, spared: bool) -> None
     assert judge.spares(held(0.5, second), held(1.0, 1.0)) is spared
     # Below the floor a share of the floor counts: nothing else is known there.
     assert judge.spares(held(0.5, 0.1 + (second - 1.0)), held(0.5, 0.1)) is spared
+    # And what the starting model was known to be off by is no news, on the joint where it was.
+    known = replace(judge, misfit=np.array([0.0, 0.6]))
+    assert known.spares(held(0.5, second), held(1.0, 1.0))
+    assert known.spares(held(second, 0.5), held(1.0, 1.0)) is spared
 
 
 def test_a_plainer_effect_is_no_excuse_for_what_it_leaves() -> None:

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
 from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rounded, verdict_of
 from hybrid_dynamics.loop.extrapolation import extrapolation
 from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.floor import Floor
-from hybrid_dynamics.loop.identifiability import inconsistent, indistinguishable, undetermined
+from hybrid_dynamics.loop.identifiability import inconsistent, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.trace import Judge

@@ -79,6 +79,22 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     return found
 
 
+def further_beside(judge: Judge, terms: Sequence[Term]) -> list[Term]:
+    """Terms of the further families on the joints that ``terms`` name, and of all joints together; columns are there.
+
+    Also where nothing is left: what is named may stand for one of them and leave little.
+    """
+    evidence, settings = judge.evidence, judge.settings
+    where = np.isin(np.arange(evidence.n), [s.index for s in terms if s.joint is not None])
+    if not where.any():
+        return []
+    asked = [t for name in settings.further for t in family(name).terms(evidence.robot, where, settings.options)]
+    own = [s for s in dict.fromkeys(asked) if len(s.family().published(s.options)) <= MOST_NUMBERS]
+    evidence.add_terms(own)
+    refit(evidence, terms, everything=True)
+    return own
+
+
 def _alike(term: Term, name: str) -> bool:
     """True where the family of ``term`` says that ``name`` can make its torque."""
     return any(name in known.effects for known in term.family().equivalent_to)

@@ -158,9 +158,11 @@ class Judge:
         )
 
     def spares(self, new: Held, best: Held) -> bool:
-        """True where ``new`` is worse than ``best`` on no joint by much: by :data:`MOST_LOSS`, or of the floor."""
+        """True where ``new`` is worse than ``best`` on no joint by much: by :data:`MOST_LOSS`, or of the floor, or by
+        what the starting model was known to be off by: a flexible cause makes that smaller, too."""
         least = np.maximum(self.mean_square(best), self.floor**2)
-        return bool(np.all(self.mean_square(new) <= self.mean_square(best) + MOST_LOSS * least + 1e-300))
+        much = np.maximum(MOST_LOSS * least, self.misfit**2)
+        return bool(np.all(self.mean_square(new) <= self.mean_square(best) + much + 1e-300))
 
     def level(self, candidates: int, blocks: int) -> float:
         """Standard errors that a kept effect must gain: Student's t at ``significance`` divided by the candidates."""

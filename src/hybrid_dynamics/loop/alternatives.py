@@ -1,0 +1,248 @@
+"""Explanations that do as well as the one named: in the place of one name, or one cause in the place of several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hybrid_dynamics.effects import Term, family
+from hybrid_dynamics.effects.state import Equivalence
+from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.floor import FEWEST_ROWS
+from hybrid_dynamics.loop.forms import forms_as_good
+from hybrid_dynamics.loop.further import further_beside
+from hybrid_dynamics.loop.held import Held
+from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, Place, pairs
+from hybrid_dynamics.loop.trace import Judge, covers, same_place
+from hybrid_dynamics.types import Array
+
+#: A rival must be able to make at least this share of the effect's torque by itself.
+LIKENESS = 0.3
+#: Held-out mean squares may grow by so many times ``alike_share`` where the total is within its uncertainty.
+MORE = 5.0
+
+
+@dataclass(frozen=True)
+class _Named:
+    """What is named, at its linearisation: ``terms``, how much others can make of each, their held-out prediction."""
+
+    judge: Judge
+    terms: Sequence[Term]
+    likeness: dict[Term, Likeness]
+    full: Held
+
+    def as_good(self, held: Held) -> Array | None:
+        """Growth of the held-out mean square of each joint (n,), as a share, where ``held`` is as good; else None.
+
+        A growth below what the starting model was known to be off by is no news, and counts as none.
+        """
+        judge = self.judge
+        gain, before = judge.gain(held, self.full), judge.mean_square(self.full)
+        growth = judge.mean_square(held) - before
+        counted = np.where((growth > 0) & (growth <= judge.misfit**2), 0.0, growth) / np.maximum(before, 1e-300)
+        seen = judge.evidence.samples >= FEWEST_ROWS
+        share = judge.settings.alike_share
+        close = bool(np.all(counted[seen] < share))
+        # A whole body in place of one coefficient is no rival unless it predicts held-out runs as well.
+        if not close and not (-gain.total <= gain.error and bool(np.all(counted[seen] < MORE * share))):
+            return None
+        return np.asarray((growth / np.maximum(before, 1e-300))[seen])
+
+
+def indistinguishable(
+    judge: Judge, terms: Sequence[Term], candidates: Sequence[Term]
+) -> dict[Term, list[dict[str, Any]]]:
+    """What would explain as much in the place of each term (one candidate, or two together), or one cause in the place
+    of several terms: why, and the remedy.
+
+    Also asked are the further families on the same joints, which the search asks only where something is left: a gain
+    of a joint that carries little is its friction but for a remainder. One that has more numbers than the term must
+    predict better by a standard error, or every offset would be a spring, too.
+    """
+    evidence = judge.evidence
+    forms = {term: _other_forms(judge, terms, term) for term in terms}
+    further = further_beside(judge, terms)
+    x, layout = evidence.fit(terms), evidence.layout(terms)
+    likeness = {
+        term: Likeness(evidence, term, x[start : start + term.size])
+        for term, start in zip(layout.terms, layout.starts, strict=True)
+    }
+    named = _Named(judge, terms, likeness, evidence.held(terms, evidence.constrained(terms)))
+    free, rarer = (
+        [c for c in offered if not any(same_place(c, s) or covers(s, c) for s in terms)]
+        for offered in (candidates, further)
+    )
+    together = _one_cause(named, free, rarer)
+    out: dict[Term, list[dict[str, Any]]] = {}
+    for term in layout.terms:
+        # What stands for several names says more than that it stands for this one.
+        told = {_key(entry) for entry in together[term]}
+        alone = [entry for entry in _in_place_of(named, term, free, rarer) if _key(entry) not in told]
+        listed = [*forms[term], *_one_for_several(judge, terms, term), *together[term], *alone]
+        if (twin := term.family().twin(term, evidence.robot)) is not None:
+            own = next(e for e in term.family().equivalent_to if e.effects == (twin.effect,))
+            why = f"structurally the same: {own.why}"
+            listed.insert(0, _as_declared(evidence, twin.effect, twin.joint, why, own))
+        out[term] = listed
+    return out
+
+
+def _key(entry: dict[str, Any]) -> frozenset[tuple[str, ...]]:
+    return frozenset((e["effect"], *e["joints"]) for e in entry["effects"])
+
+
+def _in_place_of(named: _Named, term: Term, free: Sequence[Term], rarer: Sequence[Term]) -> list[dict[str, Any]]:
+    """One of ``free`` or of the further families ``rarer``, or two of ``free`` together, in the place of ``term``."""
+    judge = named.judge
+    evidence, likeness = judge.evidence, named.likeness[term]
+    rest = [s for s in named.terms if s != term]
+    active = evidence.constrained(rest)
+    found: dict[frozenset[Place], tuple[float, dict[str, Any]]] = {}
+    tried: set[frozenset[Place]] = set()
+    singles: list[Term] = []
+    for group in [*((c,) for c in (*free, *_best_settings(evidence, rest, likeness, rarer))), *pairs(term, free)]:
+        key = frozenset((c.effect, c.joint) for c in group)
+        if (active and key in tried) or any(smaller < key for smaller in found):
+            continue
+        tried.add(key)
+        rare = group[0] in rarer
+        # The special case of one that is listed says nothing new.
+        if rare and any(covers(general, group[0]) for general in singles):
+            continue
+        share = likeness.share(*group)
+        alike = share >= (LIKENESS if len(group) == 1 else LIKENESS_OF_PAIR)
+        # What is not alike can be the better cause all the same: of those that are rarely looked at that counts.
+        if not alike and not (rare and group[0].joint == term.joint):
+            continue
+        held = evidence.held([*rest, *group], active)
+        gain = judge.gain(held, named.full)
+        dearer = judge.price(*group) > judge.price(term)
+        if rare and (dearer or not alike) and gain.total <= (gain.error if dearer else 0.0):
+            continue
+        growth = named.as_good(held)
+        if growth is not None and (key not in found or -gain.total < found[key][0]):
+            same = share > 1 - 1e-6
+            motion = motion_that_would_tell(term, group, same)
+            found[key] = -gain.total, _entry(evidence, group, _why(growth, same), motion)
+            singles += group if len(group) == 1 else ()
+    return [entry for _, entry in sorted(found.values(), key=lambda item: (len(item[1]["effects"]), item[0]))]
+
+
+def _one_cause(named: _Named, free: Sequence[Term], rarer: Sequence[Term]) -> dict[Term, list[dict[str, Any]]]:
+    """For each term, causes that act on several joints and do as well as it and others together that they are like.
+
+    A payload that a few seconds show in the wrist alone is friction and an offset of two joints of the wrist. What the
+    whole robot reads wrongly shows in every torque, so it need not be like any one effect.
+    """
+    judge = named.judge
+    evidence = judge.evidence
+    out: dict[Term, list[dict[str, Any]]] = {term: [] for term in named.terms}
+    found: list[Term] = []
+    for cause in (*free, *rarer):
+        special = cause in rarer and any(covers(general, cause) for general in found)
+        if special or evidence.acts(cause).sum() < 2:
+            continue
+        reading = cause.joint is None and cause.family().changes_reading
+        own = [t for t in named.terms if reading or named.likeness[t].share(cause) >= LIKENESS]
+        if len(own) < 2:
+            continue
+        rest = [t for t in named.terms if t not in own]
+        growth = named.as_good(evidence.held([*rest, cause], evidence.constrained([*rest, cause])))
+        if growth is None:
+            continue
+        found.append(cause)
+        places = " and ".join(t.effect + _of_joint(evidence, t) for t in own)
+        why = f"in the place of {places}: {_why(growth, same=False)}"
+        for term in own:
+            out[term].append(_entry(evidence, (cause,), why, motion_that_would_tell(term, (cause,), same=False)))
+    return out
+
+
+def _of_joint(evidence: Evidence, term: Term) -> str:
+    return "" if term.joint is None else f" of {evidence.robot.joint_names[term.joint]}"
+
+
+def _entry(evidence: Evidence, group: Sequence[Term], why: str, motion: str) -> dict[str, Any]:
+    names = evidence.robot.joint_names
+    effects = [{"effect": c.effect, "joints": [] if c.joint is None else [names[c.joint]]} for c in group]
+    return {"effects": effects, "why": why, "motion_that_would_tell": motion}
+
+
+def _best_settings(evidence: Evidence, rest: Sequence[Term], likeness: Likeness, terms: Sequence[Term]) -> list[Term]:
+    """Of the settings of each place that are alike the one that predicts best beside ``rest``; where none is, the
+    likest."""
+    share = {term: likeness.share(term) for term in terms}
+    places: dict[tuple[Any, ...], list[Term]] = {}
+    for term in terms:
+        if share[term] > 0:
+            places.setdefault(term.place, []).append(term)
+    out = []
+    for own in places.values():
+        alike = [c for c in own if share[c] >= LIKENESS] or [max(own, key=lambda c: (share[c], repr(c)))]
+        out.append(min(alike, key=lambda c: (evidence.held([*rest, c]).score, repr(c))) if len(alike) > 1 else alike[0])
+    return out
+
+
+def _why(growth: Array, same: bool) -> str:
+    """One clause; ``growth``: held-out mean square of each joint with the alternative, as a share, less one."""
+    if same:
+        return "the same torque in every sample of these runs"
+    worst, best = 100 * float(np.max(growth)), -100 * float(np.min(growth))
+    if worst <= 0.05 < best:
+        return f"held-out error is smaller by up to {best:.1f} % (mean square) and larger on no joint"
+    return f"held-out error grows by at most {max(worst, 0.0):.1f} % (mean square, worst joint)"
+
+
+def _other_forms(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[str, Any]]:
+    """Other laws of the same family that leave no surely larger error."""
+    out = []
+    for form in forms_as_good(judge, terms, term):
+        known = next(e for e in term.family().equivalent_to if e.effects == (form.effect,))
+        settings = ", ".join(f"{k}: {v}" for k, v in form.settings) or "as it is without settings"
+        why = f"the same effect with another law ({settings}) leaves as little: {known.why}"
+        out.append(_as_declared(judge.evidence, form.effect, form.joint, why, known))
+    return out
+
+
+def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[str, Any]]:
+    """Families that say of themselves that ``term`` and others of its joint make their torque, where those do."""
+    evidence, settings = judge.evidence, judge.settings
+    out = []
+    here = np.arange(evidence.n) == term.joint
+    for name in (*settings.families, *settings.further):
+        kind = family(name)
+        for known in kind.equivalent_to:
+            together = [t for t in terms if t.joint is not None and t.joint == term.joint and t.effect in known.effects]
+            if term not in together or len(together) < 2 or {t.effect for t in together} != set(known.effects):
+                continue
+            offered = kind.terms(evidence.robot, here, settings.options)
+            evidence.add_terms(offered)
+            full, rest = evidence.held(terms, physical=True), [t for t in terms if t not in together]
+            if any(judge.as_good(evidence.held([*rest, c], physical=True), full) for c in offered):
+                why = f"in the place of {' and '.join(known.effects)}: {known.why}"
+                out.append(_as_declared(evidence, name, term.joint, why, known))
+    return out
+
+
+def _as_declared(evidence: Evidence, name: str, joint: int | None, why: str, known: Equivalence) -> dict[str, Any]:
+    """The entry of an alternative that a family declares itself, with the remedy that it gives."""
+    return {
+        "effects": [{"effect": name, "joints": [] if joint is None else [evidence.robot.joint_names[joint]]}],
+        "why": why,
+        "motion_that_would_tell": f"{known.remedy[0].upper()}{known.remedy[1:]}.",
+    }
+
+
+def motion_that_would_tell(term: Term, others: Sequence[Term], same: bool) -> str:
+    """One sentence: which motion separates ``term`` from ``others``."""
+    first, last = term.family().shown_by, others[-1]
+    why = term.family().inseparable(term, last) or last.family().inseparable(last, term)
+    if same and why:
+        return why
+    rest = list(dict.fromkeys(o.family().shown_by for o in others if o.family().shown_by != first))
+    if not rest:
+        return f"A motion in which {first}, one joint at a time."
+    return f"A motion in which {first}; " + "; ".join(f"then one in which {clause}" for clause in rest) + "."
