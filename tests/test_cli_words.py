@@ -163,6 +163,21 @@ def test_what_is_asked_of_an_earlier_model_is_a_change():
     assert headline(value).startswith("missing: payload 1.47 kg; held-out")
 
 
+def test_one_cause_that_could_stand_for_several_names_is_told_once():
+    value = diagnosis()
+    effect = value.pop("effect")
+    why = "in the place of torque_offset of a and torque_offset of b: held-out error grows by at most 0.1 %"
+    tilt = {"effects": [{"effect": "gravity_tilt", "joints": []}], "why": why, "motion_that_would_tell": "Turn."}
+    value["effects"] = [
+        effect("torque_offset", [j], ("offset", 1.0, "N m")) | {"indistinguishable_from": [tilt]} for j in ("a", "b")
+    ]
+    told = [line for line in details(value) if "told apart" in line]
+    assert told == [f"cannot be told apart: gravity tilt, {why}; what would tell: turn"]
+    # Control: two causes are two lines.
+    value["effects"][1]["indistinguishable_from"] = [tilt | {"effects": [{"effect": "payload", "joints": []}]}]
+    assert sum("told apart" in line for line in details(value)) == 2
+
+
 def test_the_same_doubt_on_several_joints_is_one_line():
     value = diagnosis()
     effect = value.pop("effect")

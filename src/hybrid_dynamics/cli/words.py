@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hybrid_dynamics.loop.alternatives import INSTEAD
 from hybrid_dynamics.loop_report.parameter_words import place, settings_words, several_words, single_words
 from hybrid_dynamics.loop_report.words import VERDICTS, confirmed, final_errors, left_open, state_of, title_of, value_of
 
@@ -106,13 +107,16 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
 
 
 def _alike(effects: Sequence[Entry]) -> list[str]:
-    """Effects that these motions cannot tell apart, the same pair on several joints in one line."""
+    """Effects that these motions cannot tell apart, the same pair on several joints in one line, and one cause that
+    could stand for several of them in one."""
     groups: dict[tuple[str, ...], list[tuple[Entry, Mapping[str, Any]]]] = {}
     for entry in effects:
         for other in entry.get("indistinguishable_from", []):
             own = all(e.get("joints") == entry.get("joints") for e in other["effects"])
             kinds = tuple(e["effect"] for e in other["effects"])
             key = (entry["effect"], *kinds) if own else (str(id(other)),)
+            if other["why"].startswith(INSTEAD):
+                key = (other["why"], *map(place, other["effects"]))
             groups.setdefault(key, []).append((entry, other))
     out = []
     for pairs in groups.values():
@@ -120,8 +124,11 @@ def _alike(effects: Sequence[Entry]) -> list[str]:
         tells = (other.get("motion_that_would_tell") or "").rstrip(".")
         lead = "" if tells.startswith("No ") else "what would tell: "
         tell = f"; {lead}{tells[:1].lower()}{tells[1:]}" if tells else ""
+        names = " and ".join(place(e) for e in other["effects"])
+        if other["why"].startswith(INSTEAD):
+            out.append(f"cannot be told apart: {names}, {other['why']}{tell}")
+            continue
         if len(pairs) == 1:
-            names = " and ".join(place(e) for e in other["effects"])
             out.append(f"cannot be told apart: {place(entry)} and {names}: {other['why']}{tell}")
             continue
         names = " and ".join(title_of(e["effect"]) for e in other["effects"])

@@ -29,6 +29,17 @@ BODY_PARAMETERS = (
 BODY_SCALE = np.array([5.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3])
 
 
+def body_scale(own: Array) -> Array:
+    """Plausible change (10,) of a link with dynamic parameters ``own`` (10,): half its mass, shifted by its own size.
+
+    Links without inertia in the URDF are taken as 0.5 kg within 5 cm.
+    """
+    mass = max(float(own[0]), 0.5)
+    inertia = max(float(own[4] + own[6] + own[9]) / 2, 0.0)
+    reach = max(float(np.sqrt(inertia / mass)), 0.05)
+    return np.array([0.5 * mass, *[0.5 * mass * reach] * 3, *[0.5 * mass * reach**2] * 6])
+
+
 def _skew(c: Array) -> Array:
     return np.array([[0.0, -c[2], c[1]], [c[2], 0.0, -c[0]], [-c[1], c[0], 0.0]])
 

@@ -15,7 +15,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.base import Effect, Family, Term, register
-from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, link_parameters, to_body, to_dynamic, torque_error
+from hybrid_dynamics.effects.inertia import (
+    BODY_PARAMETERS,
+    body_scale,
+    link_parameters,
+    to_body,
+    to_dynamic,
+    torque_error,
+)
 from hybrid_dynamics.effects.keys import joint_number, split_key
 from hybrid_dynamics.effects.state import Equivalence, Motion
 from hybrid_dynamics.errors import InputError
@@ -27,17 +34,6 @@ LINKS = "links"
 _NAMES = tuple(p.name for p in BODY_PARAMETERS)
 #: All links together are one cause that costs about as much as three single bodies.
 _PRICE = 30
-
-
-def body_scale(own: Array) -> Array:
-    """Plausible change (10,) of a link with dynamic parameters ``own`` (10,): half its mass, shifted by its own size.
-
-    Links without inertia in the URDF are taken as 0.5 kg within 5 cm.
-    """
-    mass = max(float(own[0]), 0.5)
-    inertia = max(float(own[4] + own[6] + own[9]) / 2, 0.0)
-    reach = max(float(np.sqrt(inertia / mass)), 0.05)
-    return np.array([0.5 * mass, *[0.5 * mass * reach] * 3, *[0.5 * mass * reach**2] * 6])
 
 
 @register

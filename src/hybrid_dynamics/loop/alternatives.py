@@ -21,6 +21,8 @@ from hybrid_dynamics.types import Array
 
 #: A rival must be able to make at least this share of the effect's torque by itself.
 LIKENESS = 0.3
+#: How the reason begins where one cause stands for several names: it is listed with each of them, and told once.
+INSTEAD = "in the place of "
 #: Held-out mean squares may grow by so many times ``alike_share`` where the total is within its uncertainty.
 MORE = 5.0
 
@@ -155,7 +157,7 @@ def _one_cause(named: _Named, free: Sequence[Term], rarer: Sequence[Term]) -> di
             continue
         found.append(cause)
         places = " and ".join(t.effect + _of_joint(evidence, t) for t in own)
-        why = f"in the place of {places}: {_why(growth, same=False)}"
+        why = f"{INSTEAD}{places}: {_why(growth, same=False)}"
         for term in own:
             out[term].append(_entry(evidence, (cause,), why, motion_that_would_tell(term, (cause,), same=False)))
     return out
@@ -222,7 +224,7 @@ def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
             evidence.add_terms(offered)
             full, rest = evidence.held(terms, physical=True), [t for t in terms if t not in together]
             if any(judge.as_good(evidence.held([*rest, c], physical=True), full) for c in offered):
-                why = f"in the place of {' and '.join(known.effects)}: {known.why}"
+                why = f"{INSTEAD}{' and '.join(known.effects)}: {known.why}"
                 out.append(_as_declared(evidence, name, term.joint, why, known))
     return out
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hybrid_dynamics.effects import Term
-from hybrid_dynamics.effects.inertial_parameters import body_scale
+from hybrid_dynamics.effects.inertia import body_scale
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links
 from hybrid_dynamics.loop.search import take
@@ -53,7 +53,10 @@ def widened(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
 
 
 def beyond_belief(judge: Judge, chosen: Sequence[Term], x: Array) -> float:
-    """Largest change of a link's mass or first moment by single bodies of ``chosen`` at ``x``, in plausible changes."""
+    """Largest change of a link's mass or first moment by single bodies of ``chosen`` at ``x``, in plausible changes.
+
+    A link's mass or centre alone (``link_mass``, ``link_com``) is no body of ten numbers and is not looked at.
+    """
     evidence = judge.evidence
     layout = evidence.layout(chosen)
     largest = 0.0
