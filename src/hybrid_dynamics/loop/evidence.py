@@ -379,16 +379,17 @@ class Evidence:
     def covariance(self, terms: Sequence[Term], x: Array) -> Array:
         """Covariance of ``x``, every block of time left out in turn (:mod:`.jackknife`)."""
         layout = self.layout(terms)
-        normal, parts, scores = self.by_block(layout, x)
-        return covariance_of(normal, parts, scores, self.blocks.run)
+        parts, scores = self.by_block(layout, x, self.weights)
+        return covariance_of(self.normal(layout, self.full_gram)[0], parts, scores, self.blocks.run)
 
-    def by_block(self, layout: Layout, x: Array) -> tuple[Array, Array, Array]:
-        """Normal matrix (K, K) with the weak prior, each block's share of it (B, K, K), its scores (B, K) at ``x``."""
+    def by_block(self, layout: Layout, x: Array, weights: Array) -> tuple[Array, Array]:
+        """Each block's share of the normal matrix (B, K, K), joints weighed by ``weights`` (n,), and its scores (B, K)
+        at ``x``."""
         size, blocks = layout.total, len(self.blocks)
         parts, scores = np.zeros((blocks, size, size)), np.zeros((blocks, size))
         for j, (position, column) in enumerate(self.indices(layout)):
             if len(position):
                 square = self.gram[j].pick(column, column)
-                parts[:, position[:, None], position] += self.weights[j] * square
-                scores[:, position] += self.weights[j] * (self.gram[j].last[:, column] - square @ x[position])
-        return self.normal(layout, self.full_gram)[0], parts, scores
+                parts[:, position[:, None], position] += weights[j] * square
+                scores[:, position] += weights[j] * (self.gram[j].last[:, column] - square @ x[position])
+        return parts, scores

@@ -1,4 +1,7 @@
-"""Uncertainty of nonlinear parameters: the torque's derivative with respect to them stands beside the columns."""
+"""Covariance of what is published: nonlinear parameters beside the linear ones, and what is no noise of these runs.
+
+The torque's derivative with respect to a nonlinear parameter stands beside the columns.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +13,23 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.factor import common_factor, links_of, own_parameters, shared_gain
+from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.jackknife import covariance_of
 from hybrid_dynamics.types import Array
 
+#: What a model is off by on another run has few shapes: friction, viscous or dry, is nearly one, and so are a weight
+#: and an offset where a joint does not turn far.
+SHAPES = 2.0
+
 
 def published_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) -> Array:
-    """:func:`covariance_with_settings`, and beside all links' parameters what makes a gain of all joints uncertain.
+    """:func:`covariance_with_settings`, what the starting model is known to be off by on other runs, and beside all
+    links' parameters what makes a gain of all joints uncertain.
 
     The two can make the same torque; where one ends and the other begins only the links of the starting model say
     (:mod:`.factor`). A larger gain goes with lighter links and less friction, so those are as uncertain.
     """
-    covariance = covariance_with_settings(evidence, terms, x)
+    covariance = covariance_with_settings(evidence, terms, x) + misfit_covariance(evidence, terms, x)
     layout = evidence.layout(terms)
     place, found = shared_gain(layout), links_of(layout)
     if place is None or found is None:
@@ -37,6 +46,28 @@ def published_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) ->
     return np.asarray(covariance + factor.error**2 * np.outer(along, along))
 
 
+def misfit_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) -> Array:
+    """What the starting model is off by on runs in which nothing has changed, as covariance (p + m, p + m).
+
+    A change is counted from a model that was calibrated on other runs, and that was off by ``misfit`` where it was
+    tested. What of it is no noise follows the motion: it does not average out over a run, whatever its length, and no
+    scatter between blocks shows it. Per joint it counts as that torque along :data:`SHAPES` independent shapes. At
+    least a share ``floor_share`` of it is taken for such: that much is not looked for in a calibration. 0 where the
+    start was never tested.
+    """
+    if evidence.base.misfit is None:
+        return np.zeros((1, 1))
+    misfit = np.asarray(evidence.base.misfit, float) ** 2
+    noise = difference_floor(evidence.runs, evidence.base_target, evidence.mask) ** 2
+    off = np.maximum(misfit - noise, evidence.settings.floor_share * misfit)
+    parts, _ = _by_block(evidence, terms, x, evidence.weights)
+    spread, _ = _by_block(evidence, terms, x, evidence.weights**2 * off * evidence.samples / SHAPES)
+    normal = _with_prior(evidence, terms, parts)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    inverse = scale[:, None] * np.linalg.pinv(normal * scale[:, None] * scale, hermitian=True) * scale
+    return np.asarray(inverse @ spread.sum(axis=0) @ inverse)
+
+
 def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array) -> Array:
     """Covariance (p + m, p + m) of the coordinates ``x`` (p,) and, behind them in the order of ``terms``, of their m
     nonlinear parameters: :meth:`Evidence.covariance` for the linearisation in both.
@@ -44,13 +75,27 @@ def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array
     A nonlinear parameter that was refined is as uncertain as if it had been fitted with all others, and makes them as
     uncertain as it must. Without nonlinear parameters the same as :meth:`Evidence.covariance`.
     """
-    if not any(s.family().refined_at(s) for s in terms):
-        return evidence.covariance(terms, x)
+    parts, scores = _by_block(evidence, terms, x, evidence.weights)
+    return covariance_of(_with_prior(evidence, terms, parts), parts, scores, evidence.blocks.run)
+
+
+def _with_prior(evidence: Evidence, terms: Sequence[Term], parts: Array) -> Array:
+    """Normal matrix (p + m, p + m): the sum of ``parts`` (B, p + m, p + m), and the weak prior of the coordinates."""
     layout = evidence.layout(terms)
+    normal = parts.sum(axis=0)
+    normal[: layout.total, : layout.total] = evidence.normal(layout, evidence.full_gram)[0]
+    return np.asarray(normal)
+
+
+def _by_block(evidence: Evidence, terms: Sequence[Term], x: Array, weights: Array) -> tuple[Array, Array]:
+    """:meth:`Evidence.by_block` with the nonlinear parameters behind the coordinates."""
+    layout = evidence.layout(terms)
+    if not any(s.family().refined_at(s) for s in terms):
+        return evidence.by_block(layout, x, weights)
     tangents = _tangents(evidence, terms, x)
     p, m, blocks = layout.total, tangents[0].shape[2], len(evidence.blocks)
-    normal, parts, scores = np.zeros((p + m, p + m)), np.zeros((blocks, p + m, p + m)), np.zeros((blocks, p + m))
-    normal[:p, :p], parts[:, :p, :p], scores[:, :p] = evidence.by_block(layout, x)
+    parts, scores = np.zeros((blocks, p + m, p + m)), np.zeros((blocks, p + m))
+    parts[:, :p, :p], scores[:, :p] = evidence.by_block(layout, x, weights)
     residuals = evidence.residuals(terms, x)
     new = np.arange(p, p + m)
     for j, (position, column) in enumerate(evidence.indices(layout)):
@@ -59,14 +104,12 @@ def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array
             counted = evidence.mask[r][low:high, j]
             own = tangents[r][low:high, j][counted]
             known = evidence.columns.rows[r][j][low:high][counted][:, column]
-            cross = evidence.weights[j] * known.T @ own
+            cross = weights[j] * known.T @ own
             parts[b][np.ix_(position, new)] += cross
             parts[b][np.ix_(new, position)] += cross.T
-            parts[b][p:, p:] += evidence.weights[j] * own.T @ own
-            scores[b, p:] += evidence.weights[j] * own.T @ residuals[r][low:high, j][counted]
-    summed = parts.sum(axis=0)
-    normal[:, p:], normal[p:, :p] = summed[:, p:], summed[p:, :p]
-    return covariance_of(normal, parts, scores, evidence.blocks.run)
+            parts[b][p:, p:] += weights[j] * own.T @ own
+            scores[b, p:] += weights[j] * own.T @ residuals[r][low:high, j][counted]
+    return parts, scores
 
 
 def _tangents(evidence: Evidence, terms: Sequence[Term], x: Array) -> list[Array]:
