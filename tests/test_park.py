@@ -115,6 +115,23 @@ def test_scatter_of_parameters_tells_whether_their_errors_are_honest(robot: Robo
     assert wrong["run_spread"][0] == pytest.approx(np.std([1, 2, 3, 4], ddof=1), rel=0.05)
 
 
+def test_a_run_that_leaves_a_parameter_open_is_no_witness_of_it(robot: Robot) -> None:
+    """A joint that turns one way only: offset and Coulomb friction are one constant there, and neither has a value."""
+    model = Model(robot, (VISCOUS, COULOMB, Effect("torque_offset", ("elbow",), {"offset": 0.5})))
+    both_ways = logs(robot, *model.effects, train=3, test=0)
+    time = both_ways[0].time
+    ramp = 0.2 * time + 0.02 * np.sin(3.0 * time)
+    q = np.column_stack([both_ways[0]["q"][:, 0], ramp - ramp[-1] / 2])
+    dq = np.gradient(q, time, axis=0)
+    tau = model.predict(q, dq, np.gradient(dq, time, axis=0), time)
+    one_way = Trajectory("one way", "train", time, {"q": q, "tau": tau})
+    table = scatter("arm", robot, model, [*both_ways, one_way], LoopSettings(), parts=3).set_index("parameter")
+    assert table["runs"].to_dict() == {"viscous_coefficient": 4, "coulomb_torque": 3, "offset": 3}
+    # Values of an open direction would be apart by newton metres.
+    assert table["run_spread"]["offset"] < 0.1
+    assert table["run_spread"]["coulomb_torque"] < 0.1
+
+
 def test_an_added_effect_is_the_torque_it_says(robot: Robot) -> None:
     """What is added is the effect's own torque; the noise and everything else of the log stay as they are."""
     base = Model(robot, (VISCOUS,))

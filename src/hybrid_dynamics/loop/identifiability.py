@@ -17,18 +17,25 @@ from hybrid_dynamics.types import Array
 
 #: Parameters of two runs that differ by less than this share are the same: drive gains are no better known.
 DIFFERENCE = 0.05
+#: Columns of unit length that differ by less than the root of this are one to any noise; a coordinate with more than
+#: this share in such a direction is not known.
+ONE_DIRECTION, SHARED = 1e-12, 0.01
 
 
 def undetermined(evidence: Evidence, terms: Sequence[Term], term: Term) -> list[str]:
-    """Published parameters of ``term`` that the data leaves to the prior."""
+    """Published parameters of ``term`` that the data leaves to the prior, or to another of ``terms``: on a joint that
+    turns one way only Coulomb friction and an offset are one constant."""
     layout = evidence.layout(terms)
     a, _ = evidence.normal(layout, evidence.full_gram)
     scale = 1.0 / np.sqrt(np.diag(a))
-    inverse = np.linalg.pinv(a * scale[:, None] * scale[None, :], rcond=1e-15, hermitian=True)
-    variance = np.diag(inverse) * scale**2
+    values, vectors = np.linalg.eigh(a * scale[:, None] * scale[None, :])
+    known = values > ONE_DIRECTION
+    variance = (vectors[:, known] ** 2 @ (1.0 / values[known])) * scale**2
     start = layout.starts[layout.terms.index(term)]
+    own = slice(start, start + term.size)
     kind = term.family()
-    loose = variance[start : start + term.size] > 0.1 * kind.prior_scale(evidence.robot, term) ** 2
+    loose = variance[own] > 0.1 * kind.prior_scale(evidence.robot, term) ** 2
+    loose |= np.sum(vectors[own][:, ~known] ** 2, axis=1) > SHARED
     return kind.left_open(term, loose)
 
 

@@ -22,6 +22,7 @@ from hybrid_dynamics.loop import LoopResult
 from hybrid_dynamics.loop.augment import model_of
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.identifiability import undetermined
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run, process
 from hybrid_dynamics.loop.settings import LoopSettings
@@ -181,7 +182,8 @@ def scatter(
     """Parameters of ``model`` fitted on every run alone; two logs or one (a single recording) are cut into parts.
 
     ``scatter`` is the root mean square of (value of a run - weighted mean of the runs) / its standard error, times
-    sqrt(R / (R - 1)): 1 where the standard errors tell how far runs are apart.
+    sqrt(R / (R - 1)): 1 where the standard errors tell how far runs are apart. A run that leaves a parameter open (a
+    joint that turns one way only has no Coulomb friction beside an offset) has no value of it.
     """
     whole = (
         logs if len(logs) > 2 else [piece for log in logs for piece in _cut(log, parts if log.split == "train" else 1)]
@@ -191,13 +193,15 @@ def scatter(
     fits = []
     for piece in pieces:
         evidence = Evidence(Model(robot), [piece], terms, settings)
-        fits.append(model_of(evidence, terms).effects)
+        fitted = model_of(evidence, terms).effects
+        fits.append([(e, undetermined(evidence, terms, s)) for e, s in zip(fitted, terms, strict=True)])
     rows = []
     for k, effect in enumerate(model.effects):
         kind = family(effect.effect)
         for key in kind.published(effect.settings):
-            values = np.array([fit[k].parameters[key] for fit in fits], float)
-            own = np.array([fit[k].std_errors.get(key, np.nan) for fit in fits], float)
+            known = [fit[k][0] for fit in fits if key not in fit[k][1]]
+            values = np.array([e.parameters[key] for e in known], float)
+            own = np.array([e.std_errors.get(key, np.nan) for e in known], float)
             good = np.isfinite(values) & np.isfinite(own) & (own > 0)
             values, own = values[good], own[good]
             rows.append(
