@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_dynamics.effects import Effect, with_effects
+from hybrid_dynamics.effects import Effect, Term, with_effects
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.augment import refit
@@ -192,3 +192,19 @@ def test_one_gain_of_all_joints_is_not_told_as_rougher_friction_and_heavier_link
         assert diagnosis.effects[0].effect.parameters["gain"] == pytest.approx(gain, rel=0.02)
     else:
         assert names == [("coulomb_friction", "j2")]
+
+
+@pytest.mark.parametrize("gain", [1.05, 1.0], ids=["gain", "offset"])
+def test_one_gain_of_all_joints_is_listed_where_all_links_and_one_joint_are_named(arm, gain):
+    """What is recorded too large on all joints is asked of all joints, however few of them have a name."""
+    runs = [swing(arm, 1.0, seed, effects=()) for seed in range(4)]
+    runs = [run.with_signals(tau=gain * run["tau"] + ([0, 0] if gain > 1 else [0, 0.6])) for run in runs]
+    settings = LoopSettings()
+    judge, candidates, _ = gather(Model(arm), read_motion(arm, runs[:3], runs[3:], settings), settings)
+    terms = [next(t for t in candidates if t.effect == "inertial_parameters"), Term("torque_offset", 1)]
+    refit(judge.evidence, terms)
+    for others in indistinguishable(judge, terms, candidates).values():
+        told = [o["why"] for o in others if o["effects"] == [{"effect": "torque_gain", "joints": []}]]
+        # Control: an offset is no multiple of the torque, whatever stands for the links.
+        together = any("inertial_parameters and torque_offset of j2" in why for why in told)
+        assert together is (gain > 1)

@@ -14,7 +14,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Family, Motion, Term, family
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.floor import difference_floor
+from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge, joined
@@ -85,10 +85,11 @@ def further_beside(judge: Judge, terms: Sequence[Term]) -> list[Term]:
     Also where nothing is left: what is named may stand for one of them and leave little.
     """
     evidence, settings = judge.evidence, judge.settings
-    where = np.isin(np.arange(evidence.n), [s.index for s in terms if s.joint is not None])
-    if not where.any():
-        return []
-    asked = [t for name in settings.further for t in family(name).terms(evidence.robot, where, settings.options)]
+    moving = evidence.samples >= FEWEST_ROWS
+    named = {s.joint for s in terms}
+    asked = [t for name in settings.further for t in family(name).terms(evidence.robot, moving, settings.options)]
+    # What all joints have together may stand behind a body and one joint's name, too.
+    asked = [t for t in asked if terms and (t.joint is None or t.joint in named)]
     own = [s for s in dict.fromkeys(asked) if len(s.family().published(s.options)) <= MOST_NUMBERS]
     evidence.add_terms(own)
     refit(evidence, terms, everything=True)
