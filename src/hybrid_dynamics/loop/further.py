@@ -84,12 +84,14 @@ def further_beside(judge: Judge, terms: Sequence[Term]) -> list[Term]:
 
     Also where nothing is left: what is named may stand for one of them and leave little.
     """
+    if not terms:
+        return []
     evidence, settings = judge.evidence, judge.settings
     moving = evidence.samples >= FEWEST_ROWS
     named = {s.joint for s in terms}
     asked = [t for name in settings.further for t in family(name).terms(evidence.robot, moving, settings.options)]
     # What all joints have together may stand behind a body and one joint's name, too.
-    asked = [t for t in asked if terms and (t.joint is None or t.joint in named)]
+    asked = [t for t in asked if t.joint is None or t.joint in named]
     own = [s for s in dict.fromkeys(asked) if len(s.family().published(s.options)) <= MOST_NUMBERS]
     evidence.add_terms(own)
     refit(evidence, terms, everything=True)

@@ -29,7 +29,8 @@ def published_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) ->
     The two can make the same torque; where one ends and the other begins only the links of the starting model say
     (:mod:`.factor`). A larger gain goes with lighter links and less friction, so those are as uncertain.
     """
-    covariance = covariance_with_settings(evidence, terms, x) + misfit_covariance(evidence, terms, x)
+    noise, normal = _covariance(evidence, terms, x)
+    covariance = noise + misfit_covariance(evidence, terms, x, normal)
     layout = evidence.layout(terms)
     place, found = shared_gain(layout), links_of(layout)
     if place is None or found is None:
@@ -46,8 +47,9 @@ def published_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) ->
     return np.asarray(covariance + factor.error**2 * np.outer(along, along))
 
 
-def misfit_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) -> Array:
-    """What the starting model is off by on runs in which nothing has changed, as covariance (p + m, p + m).
+def misfit_covariance(evidence: Evidence, terms: Sequence[Term], x: Array, normal: Array) -> Array:
+    """What the starting model is off by on runs in which nothing has changed, as covariance (p + m, p + m) of what
+    ``normal`` (p + m, p + m) is the normal matrix of.
 
     A change is counted from a model that was calibrated on other runs, and that was off by ``misfit`` where it was
     tested. What of it is no noise follows the motion: it does not average out over a run, whatever its length, and no
@@ -60,9 +62,7 @@ def misfit_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) -> Ar
     misfit = np.asarray(evidence.base.misfit, float) ** 2
     noise = difference_floor(evidence.runs, evidence.base_target, evidence.mask) ** 2
     off = np.maximum(misfit - noise, evidence.settings.floor_share * misfit)
-    parts, _ = _by_block(evidence, terms, x, evidence.weights)
     spread, _ = _by_block(evidence, terms, x, evidence.weights**2 * off * evidence.samples / SHAPES)
-    normal = _with_prior(evidence, terms, parts)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = scale[:, None] * np.linalg.pinv(normal * scale[:, None] * scale, hermitian=True) * scale
     return np.asarray(inverse @ spread.sum(axis=0) @ inverse)
@@ -75,16 +75,16 @@ def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array
     A nonlinear parameter that was refined is as uncertain as if it had been fitted with all others, and makes them as
     uncertain as it must. Without nonlinear parameters the same as :meth:`Evidence.covariance`.
     """
-    parts, scores = _by_block(evidence, terms, x, evidence.weights)
-    return covariance_of(_with_prior(evidence, terms, parts), parts, scores, evidence.blocks.run)
+    return _covariance(evidence, terms, x)[0]
 
 
-def _with_prior(evidence: Evidence, terms: Sequence[Term], parts: Array) -> Array:
-    """Normal matrix (p + m, p + m): the sum of ``parts`` (B, p + m, p + m), and the weak prior of the coordinates."""
+def _covariance(evidence: Evidence, terms: Sequence[Term], x: Array) -> tuple[Array, Array]:
+    """:func:`covariance_with_settings`, and the normal matrix behind it with the weak prior of the coordinates."""
     layout = evidence.layout(terms)
+    parts, scores = _by_block(evidence, terms, x, evidence.weights)
     normal = parts.sum(axis=0)
     normal[: layout.total, : layout.total] = evidence.normal(layout, evidence.full_gram)[0]
-    return np.asarray(normal)
+    return covariance_of(normal, parts, scores, evidence.blocks.run), normal
 
 
 def _by_block(evidence: Evidence, terms: Sequence[Term], x: Array, weights: Array) -> tuple[Array, Array]:
