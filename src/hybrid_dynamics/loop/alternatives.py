@@ -16,6 +16,7 @@ from hybrid_dynamics.loop.forms import forms_as_good
 from hybrid_dynamics.loop.further import further_beside
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, Place, pairs
+from hybrid_dynamics.loop.scale import gain_instead
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.types import Array
 
@@ -88,6 +89,10 @@ def indistinguishable(
             own = next(e for e in term.family().equivalent_to if e.effects == (twin.effect,))
             why = f"structurally the same: {own.why}"
             listed.insert(0, _as_declared(evidence, twin.effect, twin.joint, why, own))
+        if term.family().all_links and (gain := gain_instead(judge, terms)) is not None:
+            known = next(e for e in gain.family().equivalent_to if e.effects == (term.effect,))
+            entry = _as_declared(evidence, gain.effect, None, known.why, known)
+            listed = [entry, *(other for other in listed if _key(other) != _key(entry))]
         out[term] = listed
     return out
 

@@ -2,9 +2,10 @@
 
 All links' parameters together can make any multiple of the rigid-body torque, so no row of the data tells a gain of the
 whole recording from links that are all heavier. What tells them is how links are off: each in its own way, by masses
-and centres of mass. The change of the links is g times the links themselves, plus deviations of each parameter, plus
-the error of the fit; the spread of the deviations is estimated from the same change (REML; Patterson and Thompson
-1971), and g is as uncertain as deviations of that spread make it. With few links that is a lot.
+and centres of mass. The change of the links is g times the links themselves, plus a factor of each link's own, plus
+deviations of each parameter, plus the error of the fit. How far the links' own factors and the parameters spread is
+estimated from the same change (restricted likelihood; Patterson and Thompson 1971), and g is as uncertain as such links
+make it. With few links that is a lot.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from hybrid_dynamics.types import Array
 
 #: Directions of the links' parameters that show this much less than the clearest are not determined at all.
 _UNSEEN = 1e-10
-#: Spreads that are tried, as shares of the plausible change of a link.
-_SPREADS = np.geomspace(1e-3, 3.0, 120)
+#: Spreads that are tried: of the links as shares of themselves, of parameters as shares of their plausible change.
+_SPREADS = np.geomspace(1e-3, 2.0, 24)
 
 
 @dataclass(frozen=True)
@@ -69,22 +70,51 @@ def common_factor(evidence: Evidence, terms: Sequence[Term], x: Array, covarianc
     scale = links.family().prior_scale(evidence.robot, links)
     values, vectors = np.linalg.eigh(_gram(evidence, layout, own) * scale[:, None] * scale)
     seen = values > _UNSEEN * values[-1]
-    values = values[seen]
-    whiten = np.sqrt(values)[:, None] * (vectors[:, seen].T / scale)
-    shown, one = whiten @ change, whiten @ bodies
+    whiten = np.sqrt(values[seen])[:, None] * (vectors[:, seen].T / scale)
     noise = np.einsum("ki,ij,kj->k", whiten, covariance[own, own], whiten)
     # A covariance from few blocks is silent in most directions: none is taken as surer than they are on the whole.
     noise = np.maximum(noise, max(float(np.mean(noise)), 1.0))
-    best, factor = -np.inf, Factor(0.0, np.inf, len(bodies) // 10)
+    # One direction, one noise: then it is of size one everywhere.
+    unit = whiten / np.sqrt(noise)[:, None]
+    g, error = _random_effects(unit @ change, unit @ bodies, unit @ _each(bodies), unit * scale)
+    return Factor(g, error, len(bodies) // 10)
+
+
+def _each(bodies: Array) -> Array:
+    """The links (10 L,), one a column (10 L, L): one that weighs more does so in all its ten parameters, and ten that
+    agree are one witness."""
+    count = len(bodies) // 10
+    return np.repeat(np.eye(count), 10, axis=0) * bodies[:, None]
+
+
+def _random_effects(shown: Array, one: Array, links: Array, parameters: Array) -> tuple[float, float]:
+    """Coefficient of ``one`` (K,) in ``shown`` (K,) and its standard error, beside noise of size one and random effects
+    of unknown spread along the columns of ``links`` (K, L) and of ``parameters`` (K, 10 L).
+
+    Averaged over what the restricted likelihood says of the two spreads: from few links it says little, and the most
+    likely value alone would pass for known. Beforehand the links' spread is neither uniform, which leaves few of them
+    no power, nor uniform in its logarithm, which lets few pass for links without any (Gelman, Bayesian Analysis 2006):
+    it is uniform in its root.
+    """
+    by_link, by_parameter = links @ links.T, parameters @ parameters.T
+    both = np.broadcast_to(np.column_stack([one, shown]), (len(_SPREADS), len(one), 2))
+    likelihoods, means, variances = [], [], []
     for spread in _SPREADS:
-        variance = spread**2 * values + noise
-        information = float(np.sum(one**2 / variance))
-        g = float(np.sum(one * shown / variance)) / information
-        left = float(np.sum((shown - g * one) ** 2 / variance))
-        likelihood = -0.5 * (float(np.sum(np.log(variance))) + left + float(np.log(information)))
-        if likelihood > best:
-            best, factor = likelihood, Factor(g, information**-0.5, factor.links)
-    return factor
+        covariance = np.eye(len(one)) + spread**2 * by_link + _SPREADS[:, None, None] ** 2 * by_parameter
+        root = np.linalg.cholesky(covariance)
+        white_one, white = np.moveaxis(np.linalg.solve(root, both), 2, 0)
+        information = np.sum(white_one**2, axis=1)
+        mean = np.sum(white_one * white, axis=1) / information
+        left = np.sum((white - mean[:, None] * white_one) ** 2, axis=1)
+        size = 2.0 * np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
+        likelihoods.append(0.5 * (np.log(spread) - size - left - np.log(information)))
+        means.append(mean)
+        variances.append(1.0 / information)
+    likelihood, mean, variance = np.concatenate(likelihoods), np.concatenate(means), np.concatenate(variances)
+    share = np.exp(likelihood - likelihood.max())
+    share /= share.sum()
+    value = float(share @ mean)
+    return value, float(np.sqrt(share @ (variance + (mean - value) ** 2)))
 
 
 def own_parameters(evidence: Evidence, links: Term) -> Array:

@@ -66,6 +66,16 @@ def links_for_gain(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     return trial if good and take(judge, chosen, trial) else list(chosen)
 
 
+def gain_instead(judge: Judge, chosen: Sequence[Term]) -> Term | None:
+    """The gain of all joints, where all links in ``chosen`` change mostly by one factor and no gain is named: links
+    that are off each its own way may have it in common by chance, or not."""
+    links = [t for t in chosen if t.family().all_links]
+    gain = _gain(judge)
+    if not links or gain is None or gain in chosen:
+        return None
+    return gain if _one_factor(judge, chosen, links, judge.evidence.fit(chosen)) is not None else None
+
+
 def _surely_one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term]) -> bool:
     """Whether ``links`` change by one factor, and by more than the scatter of links makes it by chance."""
     evidence = judge.evidence
