@@ -89,10 +89,11 @@ def indistinguishable(
             own = next(e for e in term.family().equivalent_to if e.effects == (twin.effect,))
             why = f"structurally the same: {own.why}"
             listed.insert(0, _as_declared(evidence, twin.effect, twin.joint, why, own))
-        if term.family().all_links and (gain := gain_instead(judge, terms)) is not None:
+        gain = gain_instead(judge, terms) if term.family().all_links else None
+        # A gain that stands for these and others together is told already.
+        if gain is not None and not any(_key(entry) == {(gain.effect,)} for entry in listed):
             known = next(e for e in gain.family().equivalent_to if e.effects == (term.effect,))
-            entry = _as_declared(evidence, gain.effect, None, known.why, known)
-            listed = [entry, *(other for other in listed if _key(other) != _key(entry))]
+            listed.insert(0, _as_declared(evidence, gain.effect, None, known.why, known))
         out[term] = listed
     return out
 

@@ -22,17 +22,17 @@ from hybrid_dynamics.types import Array
 
 #: Directions of the links' parameters that show this much less than the clearest are not determined at all.
 _UNSEEN = 1e-10
-#: Spreads that are tried: of the links as shares of themselves, of parameters as shares of their plausible change.
-_SPREADS = np.geomspace(1e-3, 2.0, 24)
+#: Spreads that are tried: of the links' own factors, up to where two spreads are the plausible change of a link (half
+#: its mass), and of parameters as shares of their plausible change.
+_OWN, _SPREADS = np.geomspace(1e-3, 0.25, 16), np.geomspace(1e-3, 2.0, 24)
 
 
 @dataclass(frozen=True)
 class Factor:
-    """``value``: all links by this share heavier, ``error`` its standard error; ``links``: how many say so."""
+    """``value``: all links by this share heavier, ``error`` its standard error."""
 
     value: float
     error: float
-    links: int
 
 
 def shared_gain(layout: Layout) -> int | None:
@@ -76,8 +76,7 @@ def common_factor(evidence: Evidence, terms: Sequence[Term], x: Array, covarianc
     noise = np.maximum(noise, max(float(np.mean(noise)), 1.0))
     # One direction, one noise: then it is of size one everywhere.
     unit = whiten / np.sqrt(noise)[:, None]
-    g, error = _random_effects(unit @ change, unit @ bodies, unit @ _each(bodies), unit * scale)
-    return Factor(g, error, len(bodies) // 10)
+    return Factor(*_random_effects(unit @ change, unit @ bodies, unit @ _each(bodies), unit * scale))
 
 
 def _each(bodies: Array) -> Array:
@@ -99,7 +98,7 @@ def _random_effects(shown: Array, one: Array, links: Array, parameters: Array) -
     by_link, by_parameter = links @ links.T, parameters @ parameters.T
     both = np.broadcast_to(np.column_stack([one, shown]), (len(_SPREADS), len(one), 2))
     likelihoods, means, variances = [], [], []
-    for spread in _SPREADS:
+    for spread in _OWN:
         covariance = np.eye(len(one)) + spread**2 * by_link + _SPREADS[:, None, None] ** 2 * by_parameter
         root = np.linalg.cholesky(covariance)
         white_one, white = np.moveaxis(np.linalg.solve(root, both), 2, 0)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.stats import norm
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.loop.augment import refit
@@ -85,7 +85,8 @@ def _surely_one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Ter
         return False
     factor = common_factor(evidence, chosen, x, evidence.covariance(chosen, x))
     assert factor is not None
-    level = float(student.ppf(1.0 - judge.settings.significance, max(factor.links - 1, 1)))
+    # The error knows already how little so few links say of their spread: no Student's t on top of it.
+    level = float(norm.ppf(1.0 - judge.settings.significance))
     return bool(min(factor.value * np.sign(multiple), abs(multiple)) > level * factor.error)
 
 
