@@ -143,9 +143,14 @@ def _both(rng: np.random.Generator, own: Array, scale: Array) -> Array:
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.2])
-@pytest.mark.parametrize("off", [_heavier, _anyhow, _both])
+# Parameters that are off each on its own, as no link's are, are partly taken for links' own factors: too wide, never
+# too sure.
+@pytest.mark.parametrize(("off", "least"), [(_heavier, 0.8), (_anyhow, 0.5), (_both, 0.8)])
 def test_a_common_factor_is_as_uncertain_as_links_scatter(
-    motion: tuple[Evidence, Term, Term], off: Callable[[np.random.Generator, Array, Array], Array], factor: float
+    motion: tuple[Evidence, Term, Term],
+    off: Callable[[np.random.Generator, Array, Array], Array],
+    least: float,
+    factor: float,
 ) -> None:
     evidence, links, _ = motion
     rng = np.random.default_rng(0)
@@ -157,10 +162,9 @@ def test_a_common_factor_is_as_uncertain_as_links_scatter(
         assert found is not None
         scores.append((found.value - factor) / found.error)
         errors.append(found.error)
-    # Standardised errors of 200 draws: mean 0 within four of its own standard errors, never surer than the links are,
-    # and not twice as unsure.
+    # Standardised errors of 200 draws: mean 0 within four of its own standard errors, spread 1.
     assert abs(np.mean(scores)) < 4 / np.sqrt(200)
-    assert 0.5 < np.std(scores) < 1.2
+    assert least < np.std(scores) < 1.2
     # Wrong-cause control: seven links that are off by a sixth of their mass do not know a factor of a hundredth.
     assert np.median(errors) > 0.02
 

@@ -86,13 +86,13 @@ def indistinguishable(
         alone = [entry for entry in _in_place_of(named, term, free, rarer) if _key(entry) not in told]
         listed = [*forms[term], *_one_for_several(judge, terms, term), *together[term], *alone]
         if (twin := term.family().twin(term, evidence.robot)) is not None:
-            own = next(e for e in term.family().equivalent_to if e.effects == (twin.effect,))
+            own = _declared(term, twin.effect)
             why = f"structurally the same: {own.why}"
             listed.insert(0, _as_declared(evidence, twin.effect, twin.joint, why, own))
-        gain = gain_instead(judge, terms) if term.family().all_links else None
+        gain = gain_instead(judge, terms, x) if term.family().all_links else None
         # A gain that stands for these and others together is told already.
         if gain is not None and not any(_key(entry) == {(gain.effect,)} for entry in listed):
-            known = next(e for e in gain.family().equivalent_to if e.effects == (term.effect,))
+            known = _declared(gain, term.effect)
             listed.insert(0, _as_declared(evidence, gain.effect, None, known.why, known))
         out[term] = listed
     return out
@@ -208,7 +208,7 @@ def _other_forms(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[s
     """Other laws of the same family that leave no surely larger error."""
     out = []
     for form in forms_as_good(judge, terms, term):
-        known = next(e for e in term.family().equivalent_to if e.effects == (form.effect,))
+        known = _declared(term, form.effect)
         settings = ", ".join(f"{k}: {v}" for k, v in form.settings) or "as it is without settings"
         why = f"the same effect with another law ({settings}) leaves as little: {known.why}"
         out.append(_as_declared(judge.evidence, form.effect, form.joint, why, known))
@@ -233,6 +233,11 @@ def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
                 why = f"{INSTEAD}{' and '.join(known.effects)}: {known.why}"
                 out.append(_as_declared(evidence, name, term.joint, why, known))
     return out
+
+
+def _declared(term: Term, effect: str) -> Equivalence:
+    """What the family of ``term`` says of its likeness to ``effect`` alone."""
+    return next(e for e in term.family().equivalent_to if e.effects == (effect,))
 
 
 def _as_declared(evidence: Evidence, name: str, joint: int | None, why: str, known: Equivalence) -> dict[str, Any]:

@@ -34,11 +34,8 @@ def gain_for_links(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     changes where held-out samples are predicted worse.
     """
     evidence = judge.evidence
-    links = [t for t in chosen if t.family().all_links]
-    gain = _gain(judge)
-    if not links or gain is None or gain in chosen:
-        return list(chosen)
-    if not _surely_one_factor(judge, chosen, links):
+    gain, links = _gain_beside_links(judge, chosen)
+    if gain is None or not _surely_one_factor(judge, chosen, links):
         return list(chosen)
     evidence.add_terms([gain])
     refit(evidence, chosen, everything=True)
@@ -66,14 +63,19 @@ def links_for_gain(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     return trial if good and take(judge, chosen, trial) else list(chosen)
 
 
-def gain_instead(judge: Judge, chosen: Sequence[Term]) -> Term | None:
-    """The gain of all joints, where all links in ``chosen`` change mostly by one factor and no gain is named: links
-    that are off each its own way may have it in common by chance, or not."""
+def gain_instead(judge: Judge, chosen: Sequence[Term], x: Array) -> Term | None:
+    """The gain of all joints, where all links in ``chosen`` change at ``x`` mostly by one factor and no gain is named:
+    links that are off each its own way may have it in common by chance, or not."""
+    gain, links = _gain_beside_links(judge, chosen)
+    return gain if gain is not None and _one_factor(judge, chosen, links, x) is not None else None
+
+
+def _gain_beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Term | None, list[Term]]:
+    """The gain of all joints that could stand beside all links' parameters in ``chosen``, and these; None where it may
+    not be named, is named already, or no such parameters are there."""
     links = [t for t in chosen if t.family().all_links]
     gain = _gain(judge)
-    if not links or gain is None or gain in chosen:
-        return None
-    return gain if _one_factor(judge, chosen, links, judge.evidence.fit(chosen)) is not None else None
+    return (None if not links or gain in chosen else gain), links
 
 
 def _surely_one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term]) -> bool:
