@@ -284,7 +284,7 @@ class Evidence:
                 a[:, (position[:, None] * size + position).ravel()] += self.weights[j] * picked
                 b[:, position] += self.weights[j] * grams[j][:, column, -1]
         if size:
-            a[:, :: size + 1] += np.concatenate([self._prior(term) for term in layout.terms])
+            a[:, :: size + 1] += self.prior(layout)
         return a.reshape(many, size, size) + self._defined(layout), b
 
     def _defined(self, layout: Layout) -> Array | float:
@@ -305,6 +305,10 @@ class Evidence:
             along = self.columns.project(layout, links, weighted) / size
             self._multiples[layout] = np.outer(along, along) / MULTIPLE**2
         return self._multiples[layout]
+
+    def prior(self, layout: Layout) -> Array:
+        """(p,): one over the square of what a coordinate of ``layout`` may plausibly be."""
+        return np.concatenate([np.zeros(0), *(self._prior(term) for term in layout.terms)])
 
     def _prior(self, term: Term) -> Array:
         """Weight (p,) that holds the coordinates of ``term`` to zero."""

@@ -12,14 +12,14 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.tangents import ONE_DIRECTION
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.types import Array
 
 #: Parameters of two runs that differ by less than this share are the same: drive gains are no better known.
 DIFFERENCE = 0.05
-#: Columns of unit length that differ by less than the root of this are one to any noise; a coordinate with more than
-#: this share in such a direction is not known.
-ONE_DIRECTION, SHARED = 1e-12, 0.01
+#: A coordinate with more than this share in a direction that no sample knows is not known.
+SHARED = 0.01
 
 
 def undetermined(evidence: Evidence, terms: Sequence[Term], term: Term) -> list[str]:

@@ -15,11 +15,14 @@ from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.factor import common_factor, links_of, own_parameters, shared_gain
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.jackknife import covariance_of
+from hybrid_dynamics.loop.layout import Layout
 from hybrid_dynamics.types import Array
 
 #: What a model is off by on another run has few shapes: friction, viscous or dry, is nearly one, and so are a weight
 #: and an offset where a joint does not turn far.
 SHAPES = 2.0
+#: Columns of unit length that differ by less than the root of this are one to any noise.
+ONE_DIRECTION = 1e-12
 
 
 def published_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) -> Array:
@@ -30,8 +33,8 @@ def published_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) ->
     (:mod:`.factor`). A larger gain goes with lighter links and less friction, so those are as uncertain.
     """
     noise, normal = _covariance(evidence, terms, x)
-    covariance = noise + misfit_covariance(evidence, terms, x, normal)
     layout = evidence.layout(terms)
+    covariance = noise + misfit_covariance(evidence, terms, x, normal) + prior_covariance(evidence, layout, normal)
     place, found = shared_gain(layout), links_of(layout)
     if place is None or found is None:
         return covariance
@@ -66,6 +69,24 @@ def misfit_covariance(evidence: Evidence, terms: Sequence[Term], x: Array, norma
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = scale[:, None] * np.linalg.pinv(normal * scale[:, None] * scale, hermitian=True) * scale
     return np.asarray(inverse @ spread.sum(axis=0) @ inverse)
+
+
+def prior_covariance(evidence: Evidence, layout: Layout, normal: Array) -> Array:
+    """What the pull of the weak prior towards the start makes uncertain, covariance (p + m, p + m).
+
+    The estimate is off by ``inverse(normal) @ precision @ (x - start)``, and the prior says how large that difference
+    may be. Nothing where the data tells; where it does not, the prior's own spread: a parameter that was left where
+    it stood is unknown, not exact.
+    """
+    precision = np.zeros(len(normal))
+    precision[: layout.total] = evidence.prior(layout)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)
+    pull = vectors.T @ ((precision * scale**2)[:, None] * vectors)
+    # A direction that no sample knows at all lies below rounding in the normal matrix: the prior alone holds it.
+    size = np.where(values > ONE_DIRECTION, values, np.maximum(np.diag(pull), 1e-300))
+    inverse = scale[:, None] * vectors / size
+    return np.asarray(inverse @ pull @ inverse.T)
 
 
 def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array) -> Array:
