@@ -17,7 +17,7 @@ from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.factor import common_factor, own_parameters
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.scale import links_for_gain
-from hybrid_dynamics.loop.tangents import covariance_with_settings, published_covariance
+from hybrid_dynamics.loop.tangents import covariance_with_settings, prior_covariance, published_covariance
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
@@ -169,6 +169,13 @@ def test_a_common_factor_is_as_uncertain_as_links_scatter(
     assert np.median(errors) > 0.02
 
 
+def known_covariance(evidence: Evidence, terms: list[Term], x: Array) -> Array:
+    """What noise and the weak prior make uncertain."""
+    layout = evidence.layout(terms)
+    normal, _ = evidence.normal(layout, evidence.full_gram)
+    return covariance_with_settings(evidence, terms, x) + prior_covariance(evidence, layout, normal)
+
+
 def test_a_gain_beside_all_links_is_published_as_uncertain_as_they_leave_it(
     motion: tuple[Evidence, Term, Term],
 ) -> None:
@@ -181,14 +188,14 @@ def test_a_gain_beside_all_links_is_published_as_uncertain_as_they_leave_it(
     place = dict(zip(layout.terms, layout.starts, strict=True))
     x[place[gain]] = 0.2
     x[place[links] : place[links] + links.size] = 0.3 * scale * rng.standard_normal(links.size)
-    before, after = covariance_with_settings(evidence, terms, x), published_covariance(evidence, terms, x)
+    before, after = known_covariance(evidence, terms, x), published_covariance(evidence, terms, x)
     factor = common_factor(evidence, terms, x, before)
     assert factor is not None
     added = after[place[gain], place[gain]] - before[place[gain], place[gain]]
     assert added == pytest.approx(factor.error**2)
-    # Control: links alone, or a gain alone, are as uncertain as the data says.
+    # Control: links alone, or a gain alone, are as uncertain as the data and the prior say.
     for alone in ([links], [gain]):
         some = np.zeros(evidence.layout(alone).total)
         np.testing.assert_array_equal(
-            published_covariance(evidence, alone, some), covariance_with_settings(evidence, alone, some)
+            published_covariance(evidence, alone, some), known_covariance(evidence, alone, some)
         )
