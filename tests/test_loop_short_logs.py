@@ -13,6 +13,7 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close_loop
 from hybrid_dynamics.loop import search as search_module
 from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.floor import examine
 from hybrid_dynamics.loop.prepare import gather, read_motion, torque_step
 from hybrid_dynamics.loop.search import search
 from hybrid_dynamics.loop.trace import Judge
@@ -80,6 +81,41 @@ def test_a_torque_in_wide_steps_or_none_at_all_makes_no_bodies(panda: Robot) -> 
     assert np.all(np.asarray(result.diagnosis.noise_floor)[:6] >= 0.99 * step[:6] / np.sqrt(12))
     # Control: with noise wider than the steps, these are part of it.
     assert np.all(torque_step([excitation(panda, effects, duration=2.0)]) == 0.0)
+
+
+def test_what_one_step_rounds_away_is_no_alarm(panda: Robot) -> None:
+    """A torque that hardly leaves one step: what is rounded away follows the motion, and says nothing of the robot."""
+    train, test = excitations(panda, [], train=2, test=1, duration=8.0, torque_noise_share=0.0)
+    logs = read_motion(panda, train, test, LoopSettings())
+    step, joint = 2.0, 1
+
+    def alarm(law: float, within: float) -> bool:
+        left = []
+        for run in logs.train:
+            torque = step * (0.4 + 0.3 * np.sin(3.0 * run.q)) + law * np.cos(2.0 * run.q)
+            left.append(np.round(torque / step) * step - torque + law * np.cos(2.0 * run.q))
+        mask = [run.mask for run in logs.train]
+        floor = examine(logs.train, left, mask, np.zeros(7), np.full(7, within), LoopSettings())
+        return bool(floor.motion_dependent[joint] or floor.cannot_tell[joint])
+
+    assert not alarm(0.0, step / 2)
+    # Controls: the same is seen where steps are not known of, and more than half a step where they are.
+    assert alarm(0.0, 0.0)
+    assert alarm(3.0, step / 2)
+
+
+def test_half_a_step_is_rounded_away_only_where_the_torque_hardly_leaves_one(panda: Robot) -> None:
+    train, test = excitations(panda, [], train=1, test=1, duration=6.0, torque_noise_share=0.0)
+    spread = train[0]["tau"].std(axis=0)
+    for share in (0.2, 5.0):
+        coarse = [in_steps(run, share * spread) for run in train]
+        logs = read_motion(panda, coarse, test, LoopSettings())
+        recorded = np.isfinite(logs.step) & (logs.step > 0)
+        half = np.sqrt(logs.variance) < 0.5 * logs.step
+        np.testing.assert_allclose(logs.rounded_away[half], logs.step[half] / 2)
+        np.testing.assert_allclose(logs.rounded_away[~half], logs.step[~half] / np.sqrt(12.0))
+        assert recorded.any()
+        assert not half.any() if share < 1 else half[recorded].any()
 
 
 def test_a_refit_from_the_tangent_of_another_model_still_lowers_the_error(panda: Robot) -> None:

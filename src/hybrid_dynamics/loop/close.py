@@ -115,7 +115,7 @@ def _close(
     runs = [*logs.train, *logs.test]
     left = [run.tau - predict_run(said.model, run) for run in runs]
     mask = [*judge.evidence.mask, *(run.mask for run in logs.test)]
-    floor = examine(runs, left, mask, resolution(logs, settings), settings)
+    floor = examine(runs, left, mask, resolution(logs, settings), logs.rounded_away, settings)
 
     progress(0.9, "describing what is left")
     notes = [*plausible.notes, *logs.notes, *notes, *found.notes]

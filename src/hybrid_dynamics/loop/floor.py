@@ -97,11 +97,13 @@ def examine(
     residual: Sequence[Array],
     mask: Sequence[Mask],
     resolution: Array,
+    rounded_away: Array,
     settings: LoopSettings,
 ) -> Floor:
     """The floor of every joint from what a model leaves, ``residual`` (K, n) [N m] per run over rows ``mask`` (K, n).
 
     Single runs are cut into ``settings.time_folds`` parts. ``resolution`` (n,) [N m]: smaller differences are nothing.
+    What is no larger than ``rounded_away`` (n,) [N m] may be the steps of the torque alone: it is not asked of.
     """
     n = residual[0].shape[1]
     count = np.sum([m.sum(axis=0) for m in mask], axis=0)
@@ -112,7 +114,7 @@ def examine(
     colour = autocorrelation(runs, residual, mask)
     folds = _folds(runs, settings.time_folds)
     share, p, strange = np.zeros(n), np.ones(n), np.zeros(n, bool)
-    for j in np.flatnonzero(seen & (rms > resolution)):
+    for j in np.flatnonzero(seen & (rms > np.maximum(resolution, rounded_away))):
         features = [state_features(run, int(j)) for run in runs]
         curves = [curves_of(run, int(j)) for run in runs]
         found = learnable(features, curves, [r[:, j] for r in residual], [m[:, j] for m in mask], folds)

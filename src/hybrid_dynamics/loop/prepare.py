@@ -49,6 +49,20 @@ class Logs:
         """(n,) [N m] standard deviation of what the steps of the torque round away."""
         return np.asarray(self.step / np.sqrt(12.0))
 
+    @property
+    def rounded_away(self) -> Array:
+        """(n,) [N m] largest rms of what the steps alone may leave: half a step where the torque hardly leaves one.
+
+        It follows the motion then, and no sample tells it from an effect.
+        """
+        few = np.sqrt(self.variance) < STEPS * self.step
+        return np.asarray(np.where(few, self.step / 2, self.rounding))
+
+    @property
+    def variance(self) -> Array:
+        """(n,) [N m]^2 of the training torque."""
+        return np.asarray(np.concatenate([run.tau for run in self.train]).var(axis=0))
+
 
 def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajectory], settings: LoopSettings) -> Logs:
     """Process all runs; without test runs the last part of every training run is held out."""
@@ -89,21 +103,16 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     terms = candidates(base, logs.moving, settings)
     evidence = Evidence(base, logs.train, terms, settings)
     notes = _leave_out_outliers(evidence)
-    torque = np.concatenate([run.tau for run in logs.train])
-    least = resolution(logs, settings)
+    least, variance = resolution(logs, settings), logs.variance
     seen = evidence.samples >= FEWEST_ROWS
     # A rich model of few rows follows the noise; second differences see it whatever the model.
     low = difference_floor(logs.train, evidence.base_target, evidence.mask)
     floor = np.where(seen, np.maximum(np.maximum(noise_floor(evidence), low), least), 0.0)
     evidence.weigh(floor)
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
-    # What rounding takes away follows the motion, up to half a step where the torque hardly leaves one: a change
-    # within it is no news either. Where the torque goes through many steps it is part of the noise.
-    spread = torque.std(axis=0)
-    within = np.where(spread < STEPS * logs.step, logs.step / 2, logs.rounding)
-    within = np.where(spread < MANY_STEPS * logs.step, within, 0.0)
-    misfit = np.maximum(misfit, within)
-    return Judge(evidence, settings, floor, torque.var(axis=0), misfit, np.maximum(low, least)), terms, notes
+    # What rounding takes away is no news either. Where the torque goes through many steps it is part of the noise.
+    misfit = np.maximum(misfit, np.where(np.sqrt(variance) < MANY_STEPS * logs.step, logs.rounded_away, 0.0))
+    return Judge(evidence, settings, floor, variance, misfit, np.maximum(low, least)), terms, notes
 
 
 def resolution(logs: Logs, settings: LoopSettings) -> Array:
