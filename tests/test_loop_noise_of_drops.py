@@ -14,10 +14,12 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model, augment, prune
 from hybrid_dynamics.loop import columns as columns_module
 from hybrid_dynamics.loop import confirm as confirm_module
+from hybrid_dynamics.loop import further as further_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.blocks import folds_of
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.confirm import test_change as change_on_tests
+from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.find import Found, find
 from hybrid_dynamics.loop.further import at_the_end, further_candidates, simplify
 from hybrid_dynamics.loop.held import Held
@@ -26,6 +28,7 @@ from hybrid_dynamics.loop.prune import keep_sure
 from hybrid_dynamics.loop.trace import Gain, Judge, joined
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitations
+from hybrid_dynamics.types import Array
 
 ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
@@ -269,6 +272,26 @@ def test_a_plainer_effect_is_no_excuse_for_what_it_leaves() -> None:
     other.evidence.add_terms([term])
     refit(other.evidence, [term])
     assert simplify(other, [term], terms) == [constant]
+
+
+def test_what_holds_no_special_case_costs_no_refit_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each re-fit takes all laws anew; a model of twenty names was re-fitted twenty times to ask nothing."""
+    effects = [Effect("viscous_friction", (name,), {"viscous_coefficient": 0.8}) for name in (SHOULDER, ELBOW)]
+    judge, terms = judged([*effects, Effect("torque_offset", (SHOULDER,), {"offset": 0.8})])
+    chosen = [
+        plain("viscous_friction", 0, terms),
+        plain("viscous_friction", 1, terms),
+        plain("torque_offset", 0, terms),
+    ]
+    asked: list[Sequence[Term]] = []
+
+    def counted(evidence: Evidence, own: Sequence[Term], rounds: int = 3, everything: bool = False) -> Array:
+        asked.append(own)
+        return refit(evidence, own, rounds, everything)
+
+    monkeypatch.setattr(further_module, "refit", counted)
+    assert simplify(judge, chosen, terms) == chosen
+    assert asked == [chosen]
 
 
 def test_another_form_of_what_was_looked_for_is_asked_too() -> None:

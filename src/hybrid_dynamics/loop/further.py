@@ -14,6 +14,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Family, Motion, Term, family
 from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.columns import follows
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.search import take
@@ -124,14 +125,20 @@ def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -
     """``chosen`` with every effect that holds another as a special case given back to that one where it is as good."""
     evidence = judge.evidence
     out = list(chosen)
-    for i, term in enumerate(out):
+    holders = [i for i, term in enumerate(out) if term.family().contains]
+    # Once for all of them: what is taken or refused below leaves every column as the model that stands wants it.
+    refit(evidence, out, everything=bool(holders))
+    for i in holders:
+        term = out[i]
         plainer = [c for c in candidates if c.effect in term.family().contains and c.joint == term.joint]
         if term.joint is not None:
             here = np.arange(evidence.n) == term.joint
             for name in sorted(set(term.family().contains) - {c.effect for c in plainer}):
                 plainer += family(name).terms(evidence.robot, here, judge.settings.options)
+            late = [c for c in plainer if not evidence.has(c) and follows(c)]
             evidence.add_terms(plainer)
-            refit(evidence, out, everything=True)
+            if late:
+                refit(evidence, out, everything=True)
         trials = [[*out[:i], c, *out[i + 1 :]] for c in plainer]
         if not trials:
             continue
@@ -139,7 +146,6 @@ def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -
         good = judge.as_good(evidence.held(best, physical=True), evidence.held(out, physical=True))
         if good and take(judge, out, best):
             out = best
-    refit(evidence, out)
     return out
 
 
