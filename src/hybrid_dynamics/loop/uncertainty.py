@@ -17,8 +17,9 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.types import Array
 
-#: Rows that the correlation is computed from, about; parameters it is computed for, at most.
-_ROWS, _MOST_PARAMETERS, _PRIOR = 5_000, 150, 1e-9
+#: Rows that the correlation is computed from, about; parameters it is computed for, at most: two arms of seven joints
+#: with all their links. Without it what the runs leave open would count as if nothing else made up for it.
+_ROWS, _MOST_PARAMETERS, _PRIOR = 5_000, 300, 1e-9
 
 
 @dataclass(frozen=True)
