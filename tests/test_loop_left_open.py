@@ -13,6 +13,7 @@ from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.identifiability import undetermined
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array
 
 ROBOT = two_links()
 COULOMB = Effect("coulomb_friction", ("elbow",), {"coulomb_torque": 2.0})
@@ -20,16 +21,23 @@ OFFSET = Effect("torque_offset", ("elbow",), {"offset": 0.5})
 VISCOUS = Effect("viscous_friction", ("elbow",), {"viscous_coefficient": 1.0})
 
 
-def turning(back: float, *effects: Effect) -> tuple[Evidence, list[Term]]:
-    """A run of the elbow with ``effects`` that turns on at .2 rad/s, give or take ``back`` rad/s."""
-    time = np.arange(0.0, 8.0, 0.005)
-    elbow = 0.2 * time - back / 3.0 * np.cos(3.0 * time)
-    q = np.column_stack([np.sin(time), elbow - elbow.mean()])
-    dq = np.gradient(q, time, axis=0)
-    tau = Model(ROBOT, effects).predict(q, dq, np.gradient(dq, time, axis=0), time)
-    run = process(Trajectory("run", "train", time, {"q": q, "tau": tau}), ROBOT, ProcessSettings())
+TIME = np.arange(0.0, 8.0, 0.005)
+
+
+def moved(q: Array, *effects: Effect, noise: float = 0.0) -> tuple[Evidence, list[Term]]:
+    """A run along ``q`` (T, 2) [rad] of the arm with ``effects``, white ``noise`` [N m] on its torque; their terms."""
+    dq = np.gradient(q, TIME, axis=0)
+    tau = Model(ROBOT, effects).predict(q, dq, np.gradient(dq, TIME, axis=0), TIME)
+    tau += np.random.default_rng(0).normal(0.0, noise, tau.shape)
+    run = process(Trajectory("run", "train", TIME, {"q": q, "tau": tau}), ROBOT, ProcessSettings())
     terms = [e.term(ROBOT) for e in effects]
     return Evidence(Model(ROBOT), [run], terms, LoopSettings()), terms
+
+
+def turning(back: float, *effects: Effect) -> tuple[Evidence, list[Term]]:
+    """A run of the elbow with ``effects`` that turns on at .2 rad/s, give or take ``back`` rad/s."""
+    elbow = 0.2 * TIME - back / 3.0 * np.cos(3.0 * TIME)
+    return moved(np.column_stack([np.sin(TIME), elbow - elbow.mean()]), *effects)
 
 
 def open_of(back: float, *effects: Effect) -> list[list[str]]:
@@ -56,14 +64,8 @@ def upper_link(mass: float) -> Effect:
     """What is found of the upper link, whose weight times lever every run shows, and whose mass alone none does."""
     body = pin.Inertia(mass, np.array([3.3 / 5 / mass, 0.0, 0.0]), np.diag([0.02, 0.09, 0.09]))
     planted = Effect("link_inertia", ("shoulder",), to_body(body.toDynamicParameters()))
-    time = np.arange(0.0, 8.0, 0.005)
-    q = np.column_stack([np.sin(time) + 0.5 * np.sin(2.7 * time), np.cos(1.7 * time)])
-    dq = np.gradient(q, time, axis=0)
-    tau = Model(ROBOT, (planted,)).predict(q, dq, np.gradient(dq, time, axis=0), time)
-    tau += np.random.default_rng(int(10 * mass)).normal(0.0, 0.02, tau.shape)
-    run = process(Trajectory("run", "train", time, {"q": q, "tau": tau}), ROBOT, ProcessSettings())
-    term = planted.term(ROBOT)
-    evidence = Evidence(Model(ROBOT), [run], [term], LoopSettings())
+    q = np.column_stack([np.sin(TIME) + 0.5 * np.sin(2.7 * TIME), np.cos(1.7 * TIME)])
+    evidence, (term,) = moved(q, planted, noise=0.02)
     (found,) = model_of(evidence, [term]).effects
     assert "mass" in undetermined(evidence, [term], term)
     return found

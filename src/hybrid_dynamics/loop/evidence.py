@@ -283,8 +283,7 @@ class Evidence:
                 picked = gram.take((column[:, None] * width + column).ravel(), axis=1)
                 a[:, (position[:, None] * size + position).ravel()] += self.weights[j] * picked
                 b[:, position] += self.weights[j] * grams[j][:, column, -1]
-        if size:
-            a[:, :: size + 1] += self.prior(layout)
+        a[:, :: size + 1] += self.prior(layout)
         return a.reshape(many, size, size) + self._defined(layout), b
 
     def _defined(self, layout: Layout) -> Array | float:

@@ -135,9 +135,9 @@ def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -
             here = np.arange(evidence.n) == term.joint
             for name in sorted(set(term.family().contains) - {c.effect for c in plainer}):
                 plainer += family(name).terms(evidence.robot, here, judge.settings.options)
-            late = [c for c in plainer if not evidence.has(c) and follows(c)]
+            stale = any(follows(c) and not evidence.has(c) for c in plainer)
             evidence.add_terms(plainer)
-            if late:
+            if stale:
                 refit(evidence, out, everything=True)
         trials = [[*out[:i], c, *out[i + 1 :]] for c in plainer]
         if not trials:

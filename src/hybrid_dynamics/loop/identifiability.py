@@ -12,7 +12,7 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.tangents import ONE_DIRECTION
+from hybrid_dynamics.loop.tangents import ONE_DIRECTION, directions
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.types import Array
 
@@ -27,8 +27,7 @@ def undetermined(evidence: Evidence, terms: Sequence[Term], term: Term) -> list[
     turns one way only Coulomb friction and an offset are one constant."""
     layout = evidence.layout(terms)
     a, _ = evidence.normal(layout, evidence.full_gram)
-    scale = 1.0 / np.sqrt(np.diag(a))
-    values, vectors = np.linalg.eigh(a * scale[:, None] * scale[None, :])
+    scale, values, vectors = directions(a)
     known = values > ONE_DIRECTION
     variance = (vectors[:, known] ** 2 @ (1.0 / values[known])) * scale**2
     start = layout.starts[layout.terms.index(term)]

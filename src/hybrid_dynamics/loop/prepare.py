@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,7 @@ class Logs:
         few = np.sqrt(self.variance) < STEPS * self.step
         return np.asarray(np.where(few, self.step / 2, self.rounding))
 
-    @property
+    @cached_property
     def variance(self) -> Array:
         """(n,) [N m]^2 of the training torque."""
         return np.asarray(np.concatenate([run.tau for run in self.train]).var(axis=0))

@@ -80,13 +80,22 @@ def prior_covariance(evidence: Evidence, layout: Layout, normal: Array) -> Array
     """
     precision = np.zeros(len(normal))
     precision[: layout.total] = evidence.prior(layout)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)
+    scale, values, vectors = directions(normal)
     pull = vectors.T @ ((precision * scale**2)[:, None] * vectors)
     # A direction that no sample knows at all lies below rounding in the normal matrix: the prior alone holds it.
     size = np.where(values > ONE_DIRECTION, values, np.maximum(np.diag(pull), 1e-300))
     inverse = scale[:, None] * vectors / size
     return np.asarray(inverse @ pull @ inverse.T)
+
+
+def directions(normal: Array) -> tuple[Array, Array, Array]:
+    """``scale`` (p,) that gives the ``normal`` matrix (p, p) unit diagonal; eigenvalues (p,) and vectors (p, p) then.
+
+    No sample knows a direction whose eigenvalue is :data:`ONE_DIRECTION` or less.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)
+    return scale, values, vectors
 
 
 def covariance_with_settings(evidence: Evidence, terms: Sequence[Term], x: Array) -> Array:
