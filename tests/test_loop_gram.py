@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from hybrid_dynamics.loop.blocks import Blocks, Folds
 from hybrid_dynamics.loop.gram import BlockGrams
+from hybrid_dynamics.loop.sums import FoldSums
 
 BLOCKS, SIZE = 5, 7
 
@@ -28,8 +30,10 @@ def test_entries_sums_and_the_last_column_are_those_of_the_dense_matrices(dense)
     packed, rows, columns = BlockGrams.of(dense), np.array([4, 0]), np.array([2, 6, 5])
     np.testing.assert_array_equal(packed.last, dense[:, :, -1])
     np.testing.assert_array_equal(packed.pick(rows, columns), dense[:, rows[:, None], columns])
-    np.testing.assert_allclose(packed.total(np.array([1, 2])), dense[1:3].sum(axis=0), rtol=1e-14)
-    np.testing.assert_array_equal(packed.total(np.zeros(0, int)), np.zeros((SIZE, SIZE)))
+    weights = np.array([[0.0, 1.0, 1.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0, -1.0], np.zeros(BLOCKS)])
+    sums = np.einsum("mb,bij->mij", weights, dense)
+    np.testing.assert_allclose(packed.totals(weights), sums, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(packed.column_totals(columns, weights), sums[:, columns], rtol=1e-13, atol=1e-13)
 
 
 def test_columns_come_before_the_last_and_leave_the_others_where_they_are(dense):
@@ -38,4 +42,27 @@ def test_columns_come_before_the_last_and_leave_the_others_where_they_are(dense)
     packed.put(np.array([4, 5]), dense[:, [4, 5]])
     assert packed.size == SIZE
     np.testing.assert_array_equal(packed.last, dense[:, :, -1])
-    np.testing.assert_allclose(packed.total(), dense.sum(axis=0), rtol=1e-14)
+    np.testing.assert_allclose(packed.totals(np.ones((1, BLOCKS)))[0], dense.sum(axis=0), rtol=1e-13)
+
+
+def test_sums_of_folds_leave_out_what_borders_on_a_fold_and_follow_columns_that_change(dense):
+    # One run in five blocks, the first two one fold, the next two the second, the last one the third.
+    blocks = Blocks(np.zeros(BLOCKS, int), ((0, 0),) * BLOCKS)
+    folds = Folds(blocks, 3, np.array([0, 0, 1, 1, 2]))
+    sums = FoldSums([BlockGrams.of(dense)], folds)
+    own, others = [[0, 1], [2, 3], [4]], [[3, 4], [0], [0, 1, 2]]
+
+    def check(now):
+        np.testing.assert_allclose(sums.full[0], now.sum(axis=0), rtol=1e-12, atol=1e-12)
+        for f in range(3):
+            np.testing.assert_allclose(sums.own[0][f], now[own[f]].sum(axis=0), rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(sums.others[0][f], now[others[f]].sum(axis=0), rtol=1e-12, atol=1e-12)
+
+    check(dense)
+    changed, columns = dense.copy(), np.array([5, 2])
+    changed[:, columns] *= 3.0
+    changed[:, :, columns] *= 3.0
+    sums.renew_columns(0, BlockGrams.of(changed), columns)
+    with pytest.raises(AssertionError):
+        check(dense)
+    check(changed)

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.inertia import is_physical
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.loop import LoopSettings, Model, ProcessSettings, process
@@ -41,6 +41,46 @@ def test_torque_and_columns_pass_the_same_filter(rate, panda):
     np.testing.assert_allclose(
         run.smooth(run.motion.dq), run.smooth(w * np.cos(np.outer(run.motion.time, w))), atol=2e-3
     )
+
+
+@pytest.mark.parametrize("rate", [250.0, 1000.0, 2500.0])
+def test_a_torque_up_to_the_cut_off_is_filtered_as_the_prediction_of_fewer_states_is(rate, panda):
+    time = np.arange(round(3 * rate)) / rate
+    torque = np.sin(np.outer(time, 2 * np.pi * np.array([0.5, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0])))
+    slow = _sines(rate, 3.0)["q"]
+    run = process(Trajectory("fast", "train", time, {"q": slow, "tau": torque}), panda, ProcessSettings())
+    assert len(run.motion.time) <= 3 * 500
+    assert 100 - 1 <= 1 / np.diff(run.time).mean() < 200
+    predicted = np.sin(np.outer(run.motion.time, 2 * np.pi * np.array([0.5, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0])))
+    # Of the same window at fewer instants, the part that folds back: two thousandths of the pass band at most.
+    np.testing.assert_allclose(run.smooth(predicted), run.tau, atol=2e-3)
+
+
+def test_what_a_model_predicts_of_a_run_is_computed_once_in_a_row(panda, monkeypatch):
+    settings = LoopSettings()
+    run = process(_sines(200.0), panda, settings.process)
+    load = Term("load_dependent_friction", 3)
+    late = Effect("time_delay", (), {"delay": 0.01}, {"response": "delay"})
+    grease, more = (Effect("viscous_friction", ("panda_joint4",), {"viscous_coefficient": v}) for v in (0.5, 0.6))
+    evidence = Evidence(Model(panda), [run], [load], settings)
+    asked = []
+    newton_euler = Robot.inverse_dynamics
+
+    def count(robot, *states):
+        asked.append(len(states[0]))
+        return newton_euler(robot, *states)
+
+    monkeypatch.setattr(Robot, "inverse_dynamics", count)
+    one = evidence.exact([grease, late])
+    evidence.renew([grease, late], [load])
+    assert len(asked) == 1
+    other = evidence.exact([more, late])
+    assert len(asked) == 2
+    again = evidence.exact([grease, late])
+    assert len(asked) == 2
+    np.testing.assert_array_equal(one, again)
+    for effects, left in (([grease, late], one), ([more, late], other)):
+        np.testing.assert_array_equal(left[0], run.tau - predict_run(Model(panda, tuple(effects)), run))
 
 
 def test_standing_rows_are_marked_over_the_whole_window(panda):

@@ -172,7 +172,7 @@ def test_a_common_factor_is_as_uncertain_as_links_scatter(
 def known_covariance(evidence: Evidence, terms: list[Term], x: Array) -> Array:
     """What noise and the weak prior make uncertain."""
     layout = evidence.layout(terms)
-    normal, _ = evidence.normal(layout, evidence.full_gram)
+    normal, _ = evidence.normal(layout, evidence.sums.full)
     return covariance_with_settings(evidence, terms, x) + prior_covariance(evidence, layout, normal)
 
 

@@ -18,6 +18,7 @@ from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.process import process
 from hybrid_dynamics.loop.prune import choose
 from hybrid_dynamics.loop.search import _replace, search
+from hybrid_dynamics.loop.sums import FoldSums
 from hybrid_dynamics.loop.trace import Judge, rank
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitations
@@ -40,9 +41,9 @@ class Told:
         # The target, the last column, is nothing: residuals are what the columns make.
         columns = np.stack([*self.residuals.values(), np.zeros((BLOCKS, SAMPLES))], axis=2)
         self.gram = [BlockGrams.of(np.einsum("bti,btj->bij", columns, columns))]
-        self.own_sum = [[gram.total() for gram in self.gram]]
         self.blocks = Blocks(np.zeros(BLOCKS, int), ((0, 0),) * BLOCKS)
         self.folds = Folds(self.blocks, 1, np.zeros(BLOCKS, int))
+        self.sums = FoldSums(self.gram, self.folds)
 
     def held(self, terms: Any, physical: bool = False) -> Held:
         place = list(self.residuals).index(frozenset(terms))

@@ -106,11 +106,22 @@ def predict_acting(
     changed: Robot, torque: StateTorque, read: Readings, q: Array, dq: Array, ddq: Array, time: Array | None = None
 ) -> Array:
     """:func:`predict` for effects that are planted already."""
+    return recorded(acting_torques(changed, torque, read, q, dq, ddq, time)[1], time, read)
+
+
+def acting_torques(
+    changed: Robot, torque: StateTorque, read: Readings, q: Array, dq: Array, ddq: Array, time: Array | None = None
+) -> tuple[Array, Array]:
+    """Torques (T, n) [N m] at work where ``q`` is read: of the rigid body, and of it and the effects together."""
     q, dq, ddq = (np.asarray(a, float) for a in (q, dq, ddq))
     q = q + read.offset
     rigid = changed.inverse_dynamics(q, dq, ddq)
-    own = (rigid + torque(q, dq, rigid, ddq, time)) * read.gain
-    return late(own, time, read)
+    return rigid, rigid + torque(q, dq, rigid, ddq, time)
+
+
+def recorded(acting: Array, time: Array | None, read: Readings) -> Array:
+    """What a log holds of the torque ``acting`` (T, n) [N m]; ``time`` (T,) [s]."""
+    return late(acting * read.gain, time, read)
 
 
 def late(signal: Array, time: Array | None, read: Readings) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,6 +19,9 @@ from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.types import Array
 
 Indices = NDArray[np.int_]
+
+#: Models of which the torque at all states of a run is kept: a step that was tried and the one it was tried from.
+KEPT = 2
 
 
 def follows(term: Term) -> bool:
@@ -46,6 +50,8 @@ class Columns:
         #: A search asks for the same combinations again and again.
         self._indices: dict[Layout, list[tuple[Indices, Indices]]] = {}
         self._known: list[dict[bytes, int]] = [{} for _ in range(self.n)]
+        self._asked: list[deque[tuple[Model, tuple[Array, Array]]]] = [deque(maxlen=KEPT) for _ in self.runs]
+        self._shares: dict[int, Array] = {}
 
     def __contains__(self, term: Term) -> bool:
         return term in self._where
@@ -62,7 +68,7 @@ class Columns:
         """Compute and append the columns of ``terms`` (those not there yet); returns the joints that have new ones."""
         motions = [run.motion for run in self.runs]
         if any(term.family().by_regressor for term in terms if term not in self):
-            motions = [self._with_regressor(run) for run in self.runs]
+            motions = [self._with_regressor(r) for r in range(len(self.runs))]
         new: list[list[list[Array]]] = [[[] for _ in range(self.n)] for _ in self.runs]
         for term in terms:
             if term in self._where:
@@ -109,7 +115,7 @@ class Columns:
 
     def _smoothed(self, term: Term, motions: Sequence[Motion]) -> list[Array]:
         out = []
-        for run, motion in zip(self.runs, motions, strict=True):
+        for r, (run, motion) in enumerate(zip(self.runs, motions, strict=True)):
             columns = term.family().columns(motion, term)
             if self._read is not None:
                 columns = columns * (self._read[:, None] if columns.ndim == 3 else self._read[term.index])
@@ -117,25 +123,43 @@ class Columns:
                 out.append(columns)
                 continue
             if self.base_follows_load and term.family().changes_body:
-                share = 1.0 + self.base.load_derivative(motion.q, motion.dq, motion.ddq)
+                share = self._share(r)
                 columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [term.index]])
             out.append(run.smooth(columns))
         return out
 
-    def _with_regressor(self, run: Run) -> Motion:
-        """Motion of ``run`` with its smoothed regressor, and in that what the starting model makes of a load.
+    def _with_regressor(self, r: int) -> Motion:
+        """Motion of run number ``r`` with its smoothed regressor, and in that what the starting model makes of a load.
 
         Computed piece by piece: at the rate of the log, and once for every term, it would be most of the memory.
         """
-        whole = run.motion
-        share = None
-        if self.base_follows_load:
-            share = 1.0 + self.base.load_derivative(whole.q, whole.dq, whole.ddq)[:, :, None]
+        run, whole = self.runs[r], self.runs[r].motion
+        share = self._share(r)[:, :, None] if self.base_follows_load else None
         out = np.empty((len(run.time), self.n, 10 * self.n))
         for rows, states in run.pieces():
             part = whole.robot.regressor(whole.q[states], whole.dq[states], whole.ddq[states])
             out[rows] = run.smooth(part if share is None else part * share[states])
         return replace(whole, given_regressor=out)
+
+    def torques(self, model: Model, r: int) -> tuple[Array, Array]:
+        """:meth:`Model.acting_torques` of the states of run number ``r``.
+
+        Those of the last models are kept: a fit asks for the same ones at the end of a step and for its next tangent.
+        """
+        for kept, torques in self._asked[r]:
+            if kept.robot is model.robot and kept.effects == model.effects:
+                return torques
+        m = self.runs[r].motion
+        torques = model.acting_torques(m.q, m.dq, m.ddq, m.time)
+        self._asked[r].append((model, torques))
+        return torques
+
+    def _share(self, r: int) -> Array:
+        """(M, n) by how much more than itself a load moves the starting model's torque in run number ``r``."""
+        if r not in self._shares:
+            m = self.runs[r].motion
+            self._shares[r] = 1.0 + self.base.load_derivative(m.q, m.dq, m.ddq)
+        return self._shares[r]
 
     def renew(self, effects: Sequence[Effect], terms: Sequence[Term]) -> dict[int, Indices]:
         """Compute the columns of ``terms`` that follow the load or the model's torque anew, with ``effects`` added.
@@ -148,16 +172,15 @@ class Columns:
         torque = any(s.family().uses_torque for s in terms)
         loaded = any(s.family().uses_load for s in terms)
         motions = []
-        for run in self.runs:
+        for r, run in enumerate(self.runs):
             model, m = model_in(self.base, effects, run), run.motion
-            load = model.completed_robot.inverse_dynamics(m.q, m.dq, m.ddq) if loaded else None
-            given = None
-            if torque:
-                # As late as it is recorded: noise of the motion stands in the column and in what is left, and at
-                # different instants it would pull the delay towards none.
-                own = model.without_readings().predict(m.q, m.dq, m.ddq, m.time)
-                given = late(own, m.time, model.readings)
-            motions.append(replace(m, given_load=load, given_torque=given, given_lag=model.readings.lag))
+            load, own = self.torques(model, r)
+            # As late as it is recorded: noise of the motion stands in the column and in what is left, and at
+            # different instants it would pull the delay towards none.
+            given = late(own, m.time, model.readings) if torque else None
+            motions.append(
+                replace(m, given_load=load if loaded else None, given_torque=given, given_lag=model.readings.lag)
+            )
         changed: dict[int, list[int]] = {}
         for term in terms:
             parts = self._smoothed(term, motions)

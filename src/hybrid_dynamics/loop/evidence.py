@@ -24,6 +24,7 @@ from hybrid_dynamics.loop.physics import physical_constraints
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
+from hybrid_dynamics.loop.sums import FoldSums
 from hybrid_dynamics.types import Array
 
 #: Beside a gain of all joints, links may change by no more than about this multiple of the starting model's torque.
@@ -98,15 +99,15 @@ class Evidence:
                 old, size = self.gram[j].size, self.columns.size(j) + 1
                 self.gram[j] = self.gram[j].grown(size)
                 self._multiply(j, np.arange(old - 1, size - 1))
-            self._sum()
+                self.sums.renew(j, self.gram[j])
+            self._cache = {}
 
     def renew(self, effects: Sequence[Effect], terms: Sequence[Term]) -> None:
         """Columns of ``terms`` that follow the load or the model's torque anew, see :meth:`Columns.renew`."""
-        changed = self.columns.renew(effects, terms)
-        for j, columns in changed.items():
+        for j, columns in self.columns.renew(effects, terms).items():
             self._multiply(j, columns)
-        if changed:
-            self._sum()
+            self.sums.renew_columns(j, self.gram[j], columns)
+            self._cache = {}
 
     def leave_out(self, run: int, rows: slice) -> None:
         """Let ``rows`` of run number ``run`` count no more."""
@@ -123,6 +124,7 @@ class Evidence:
             ],
             float,
         )
+        self.samples = self.count.sum(axis=0)
         self._sum()
 
     def _joint_gram(self, j: int) -> BlockGrams:
@@ -158,42 +160,12 @@ class Evidence:
                 target = np.where(self.mask[r][low:high, j], self.target[r][low:high, j], 0.0)
                 gram.last[b, :-1] = target @ self.columns.rows[r][j][low:high]
                 gram.last[b, -1] = target @ target
-        self._sum_target()
+            self.sums.renew_columns(j, gram, np.array([gram.size - 1]))
+        self._cache = {}
 
     def _sum(self) -> None:
-        """Sums over the blocks of each fold, and over those that a fold is predicted from.
-
-        Where a fold ends inside a run, the block next to it is left out of its fit: neighbours are not independent.
-        """
         self._cache = {}
-        self.own_sum = [[g.total(own) for g in self.gram] for own in self.folds.own]
-        self.full_gram = [np.sum([own[j] for own in self.own_sum], axis=0) for j in range(self.n)]
-        #: Per joint, the sums that each fold is predicted from (folds, size, size).
-        self.fold_gram = [
-            np.array(
-                [full - own[j] - gram.total(edge) for own, edge in zip(self.own_sum, self.folds.edges, strict=True)]
-            )
-            for j, (full, gram) in enumerate(zip(self.full_gram, self.gram, strict=True))
-        ]
-        self.samples = self.count.sum(axis=0)
-
-    def _sum_target(self) -> None:
-        """The same where only the products with the target have changed."""
-        self._cache = {}
-        for j in range(self.n):
-            product = self.gram[j].last
-            sums = [product[own].sum(axis=0) for own in self.folds.own]
-            full = np.sum(sums, axis=0)
-            for gram, value in [
-                (self.full_gram[j], full),
-                *((self.own_sum[f][j], sums[f]) for f in range(self.folds.number)),
-                *(
-                    (self.fold_gram[j][f], full - sums[f] - product[edge].sum(axis=0))
-                    for f, edge in enumerate(self.folds.edges)
-                ),
-            ]:
-                gram[:, -1] = value
-                gram[-1, :] = value
+        self.sums = FoldSums(self.gram, self.folds)
 
     def weigh(self, floor: Array) -> None:
         """Weigh the joints in every fit and score by ``floor`` (n,) [N m]; one without a floor counts nothing."""
@@ -204,7 +176,8 @@ class Evidence:
     def exact(self, effects: Sequence[Effect]) -> list[Array]:
         """Torque (K, n) [N m] of every run that the starting model with ``effects``, laws as they are, leaves."""
         models = [model_in(self.base, effects, run) for run in self.runs]
-        return [run.tau - run.smooth(self.predict_fine(m, run)) for m, run in zip(models, self.runs, strict=True)]
+        fine = [m.recorded(self.columns.torques(m, r)[1], self.runs[r].motion.time) for r, m in enumerate(models)]
+        return [run.tau - run.smooth(own) for run, own in zip(self.runs, fine, strict=True)]
 
     def relinearise(self, left: Sequence[Array], terms: Sequence[Term], x: Array) -> None:
         """Make the linear problem exact at ``x``, where ``terms`` leave ``left``: target = left + columns x.
@@ -320,7 +293,7 @@ class Evidence:
         layout = self.layout(terms)
         if layout.total == 0:
             return np.zeros(0)
-        a, b = self.normal(layout, self.full_gram if grams is None else grams)
+        a, b = self.normal(layout, self.sums.full if grams is None else grams)
         return self._solved(layout, a, b, self.constraints(layout), physical)
 
     def _solved(self, layout: Layout, a: Array, b: Array, constraints: Constraints, physical: bool) -> Array:
@@ -353,7 +326,7 @@ class Evidence:
         if key not in self._cache:
             layout = self.layout(sorted(key[0], key=term_order))
             constraints = self.constraints(layout)
-            a, b = self._normals(layout, self.fold_gram)
+            a, b = self._normals(layout, self.sums.others)
             folds = [
                 self._solved(layout, a[f], b[f], constraints, physical) if layout.total else np.zeros(0)
                 for f in range(self.folds.number)
@@ -373,7 +346,7 @@ class Evidence:
         """Held-out squared residual sum [N m]^2 of ``joint`` over all rows, standing ones too; fits see moving ones."""
         total = 0.0
         for f in range(self.folds.number):
-            torque = self.linear(terms, self.fit(terms, [gram[f] for gram in self.fold_gram]))
+            torque = self.linear(terms, self.fit(terms, [gram[f] for gram in self.sums.others]))
             for b in self.folds.own[f]:
                 r, (low, high) = self.blocks.run[b], self.blocks.rows[b]
                 total += float(np.sum((self.target[r][low:high, joint] - torque[r][low:high, joint]) ** 2))
@@ -383,7 +356,7 @@ class Evidence:
         """Covariance of ``x``, every block of time left out in turn (:mod:`.jackknife`)."""
         layout = self.layout(terms)
         parts, scores = self.by_block(layout, x, self.weights)
-        return covariance_of(self.normal(layout, self.full_gram)[0], parts, scores, self.blocks.run)
+        return covariance_of(self.normal(layout, self.sums.full)[0], parts, scores, self.blocks.run)
 
     def by_block(self, layout: Layout, x: Array, weights: Array) -> tuple[Array, Array]:
         """Each block's share of the normal matrix (B, K, K), joints weighed by ``weights`` (n,), and its scores (B, K)

@@ -126,5 +126,5 @@ def _gram(evidence: Evidence, layout: Layout, own: slice) -> Array:
     """Weighted products (K, K) of the columns of the coordinates ``own`` over all rows that count."""
     out = np.zeros((layout.total, layout.total))
     for j, (position, column) in enumerate(evidence.indices(layout)):
-        out[np.ix_(position, position)] += evidence.weights[j] * evidence.full_gram[j][np.ix_(column, column)]
+        out[np.ix_(position, position)] += evidence.weights[j] * evidence.sums.full[j][np.ix_(column, column)]
     return out[own, own]

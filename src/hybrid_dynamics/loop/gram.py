@@ -59,12 +59,20 @@ class BlockGrams:
         places = _places(rows[:, None], columns[None, :])
         return np.asarray(self.values[blocks][:, places])
 
-    def total(self, blocks: Blocks = slice(None)) -> Array:
-        """(size, size) sum over ``blocks``."""
-        out = np.empty((self.size, self.size))
-        rows, columns = _lower(self.size)
-        out[rows, columns] = out[columns, rows] = self.values[blocks].sum(axis=0)
+    def totals(self, weights: Array) -> Array:
+        """(m, size, size) sums over blocks, each times its ``weights`` (m, blocks)."""
+        sums = weights @ self.values
+        out = np.empty((len(weights), self.size, self.size))
+        for row in range(self.size):
+            start = row * (row + 1) // 2
+            out[:, row, : row + 1] = out[:, : row + 1, row] = sums[:, start : start + row + 1]
         return out
+
+    def column_totals(self, columns: Indices, weights: Array) -> Array:
+        """Rows ``columns`` (c,) of the same, (m, c, size)."""
+        places = _places(columns[:, None], np.arange(self.size))
+        sums = weights @ self.values[:, places.ravel()]
+        return np.asarray(sums.reshape(len(weights), len(columns), self.size))
 
     def forms(self, v: Array, w: Array, blocks: Blocks = slice(None)) -> Array:
         """(blocks,) v' G w of ``v`` and ``w`` (size,); no copy where ``blocks`` is a slice."""

@@ -10,18 +10,19 @@ import numpy as np
 
 from hybrid_dynamics.loop.blocks import Blocks, Folds, Indices
 from hybrid_dynamics.loop.gram import BlockGrams
+from hybrid_dynamics.loop.sums import FoldSums
 from hybrid_dynamics.types import Array
 
 
-class Sums(Protocol):
-    """What scores follow from: products ``gram`` of columns and target per joint, summed per fold in ``own_sum``."""
+class Products(Protocol):
+    """What scores follow from: products ``gram`` of columns and target per joint, and their ``sums`` per fold."""
 
     n: int
     weights: Array
     blocks: Blocks
     folds: Folds
     gram: list[BlockGrams]
-    own_sum: list[list[Array]]
+    sums: FoldSums
 
 
 class Held:
@@ -32,19 +33,19 @@ class Held:
     of residuals follow from the Gram matrices; nothing is predicted sample by sample.
     """
 
-    def __init__(self, sums: Sums, places: Sequence[tuple[Indices, Indices]], folds: Sequence[Array]) -> None:
-        self._sums, self._places, self._folds = sums, places, folds
+    def __init__(self, products: Products, places: Sequence[tuple[Indices, Indices]], folds: Sequence[Array]) -> None:
+        self._products, self._places, self._folds = products, places, folds
         self.joint_errors = self._errors()
 
     def _vector(self, fold: int, joint: int) -> Array:
         """What turns the columns of ``joint``, its target as the last one, into the residual of ``fold``."""
-        return residual_vector(self._places[joint], self._folds[fold], self._sums.gram[joint].size)
+        return residual_vector(self._places[joint], self._folds[fold], self._products.gram[joint].size)
 
     def _errors(self) -> Array:
         """(n,) squared held-out residual sums [N m]^2."""
-        out = np.zeros(self._sums.n)
-        for f, grams in enumerate(self._sums.own_sum):
-            for j, gram in enumerate(grams):
+        out = np.zeros(self._products.n)
+        for j, grams in enumerate(self._products.sums.own):
+            for f, gram in enumerate(grams):
                 v = self._vector(f, j)
                 out[j] += max(float(v @ gram @ v), 0.0)
         return out
@@ -52,15 +53,15 @@ class Held:
     @cached_property
     def score(self) -> float:
         """Weighted sum of :attr:`joint_errors`."""
-        return float(self.joint_errors @ self._sums.weights)
+        return float(self.joint_errors @ self._products.weights)
 
     def change(self, old: Held, new: Held) -> Array:
         """Block-wise sums (blocks, n) [N m]^2 of this residual times the change of the prediction from ``old`` to
         ``new``."""
-        sums = self._sums
-        out = np.empty((len(sums.blocks), sums.n))
-        for f, parts in enumerate(sums.folds.parts):
-            for j, gram in enumerate(sums.gram):
+        products = self._products
+        out = np.empty((len(products.blocks), products.n))
+        for f, parts in enumerate(products.folds.parts):
+            for j, gram in enumerate(products.gram):
                 own, change = self._vector(f, j), old._vector(f, j) - new._vector(f, j)
                 for part in parts:
                     out[part, j] = gram.forms(own, change, part)

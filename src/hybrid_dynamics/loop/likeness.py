@@ -38,7 +38,7 @@ class Likeness:
         self._energy = 0.0
         for j, (position, column) in enumerate(evidence.indices(evidence.layout([term]))):
             if len(position):
-                own = evidence.weights[j] * evidence.full_gram[j][:, column] @ x[position]
+                own = evidence.weights[j] * evidence.sums.full[j][:, column] @ x[position]
                 self._energy += float(own[column] @ x[position])
                 self._products.append(own)
             else:
@@ -51,7 +51,7 @@ class Likeness:
         a, b = np.zeros((layout.total, layout.total)), np.zeros(layout.total)
         for j, (position, column) in enumerate(evidence.indices(layout)):
             if len(position):
-                a[position[:, None], position] += evidence.weights[j] * evidence.full_gram[j][column[:, None], column]
+                a[position[:, None], position] += evidence.weights[j] * evidence.sums.full[j][column[:, None], column]
                 if (product := self._products[j]) is not None:
                     b[position] += product[column]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))

@@ -14,7 +14,7 @@ import jsonschema
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Readings, StateTorque, Term, family, readings, split_key, with_effects
-from hybrid_dynamics.effects.acting import predict_acting
+from hybrid_dynamics.effects.acting import acting_torques, predict_acting, recorded
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
 from hybrid_dynamics.files import json_text, write_text
 from hybrid_dynamics.loop.provenance import check_identity, identity_of
@@ -67,7 +67,15 @@ class Model:
 
         ``time`` (T,) [s] serves effects that depend on it.
         """
-        return predict_acting(*self._acting, self.readings, q, dq, ddq, time)
+        return self.recorded(self.acting_torques(q, dq, ddq, time)[1], time)
+
+    def acting_torques(self, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> tuple[Array, Array]:
+        """Torques (T, n) [N m] at work: of the rigid body, and of it and the effects, before what is read wrongly."""
+        return acting_torques(*self._acting, self.readings, q, dq, ddq, time)
+
+    def recorded(self, acting: Array, time: Array | None = None) -> Array:
+        """What a log holds of the torque ``acting`` (T, n) [N m]: times its gain, and as late as it is recorded."""
+        return recorded(acting, time, self.readings)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Torque (n,) [N m] at one state ``q dq ddq`` (n,), for a controller that asks at every tick.
@@ -127,10 +135,6 @@ class Model:
     def adding(self, effects: Iterable[Effect]) -> Model:
         """A model with ``effects`` appended."""
         return Model(self.robot, (*self.effects, *effects))
-
-    def without_readings(self) -> Model:
-        """What the robot does, without what the log reads wrongly (gains, position offsets, a delay)."""
-        return Model(self.robot, tuple(e for e in self.effects if not family(e.effect).changes_reading))
 
     def with_inactive(self, effects: Iterable[Effect]) -> Model:
         """The same model that also lists ``effects`` without letting them act."""

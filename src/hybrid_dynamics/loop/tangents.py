@@ -113,7 +113,7 @@ def _covariance(evidence: Evidence, terms: Sequence[Term], x: Array) -> tuple[Ar
     layout = evidence.layout(terms)
     parts, scores = _by_block(evidence, terms, x, evidence.weights)
     normal = parts.sum(axis=0)
-    normal[: layout.total, : layout.total] = evidence.normal(layout, evidence.full_gram)[0]
+    normal[: layout.total, : layout.total] = evidence.normal(layout, evidence.sums.full)[0]
     return covariance_of(normal, parts, scores, evidence.blocks.run), normal
 
 

@@ -191,7 +191,7 @@ class Judge:
         """
         evidence, joint = self.evidence, term.index
         _, column = evidence.indices(evidence.layout([term]))[joint]
-        square = x**2 * float(evidence.full_gram[joint][column[0], column[0]]) / max(evidence.samples[joint], 1.0)
+        square = x**2 * float(evidence.sums.full[joint][column[0], column[0]]) / max(evidence.samples[joint], 1.0)
         return bool(square > self._bar(self.settings.floor_share)[joint])
 
     def matters(self, term: Term, joint_gain: Array, share: float, decisive: bool = False) -> bool:
