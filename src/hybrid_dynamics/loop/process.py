@@ -24,6 +24,10 @@ from hybrid_dynamics.types import Array
 
 #: States of which wide columns are computed at once: a run of an hour takes no more memory than a minute.
 PIECE = 4096
+#: States that a model is asked about within one period of the cut-off, at least.
+STATES = 8
+#: Share by which the sampling rate may lie below the one that is kept.
+UNEVEN = 0.01
 #: Left out at both ends of a run, in periods of the cut-off: there a filter knows one side only.
 END_PERIODS = 2.0
 
@@ -31,13 +35,14 @@ END_PERIODS = 2.0
 @dataclass(frozen=True)
 class ProcessSettings:
     """``cutoff`` [Hz] of position and torque, lowered to ``cutoff_share`` of the sampling rate for slow logs;
-    ``rate`` [Hz] at least kept after decimation; ``slow_speed`` [rad/s] below which a joint counts as standing;
-    ``moving_range`` [rad] a joint must cover to count as moving."""
+    ``rate`` [Hz] at least kept after decimation; ``motion_rate`` [Hz], at least kept of the states a model is asked
+    about (and :data:`STATES` in a period of the cut-off); ``slow_speed`` [rad/s] below which a joint counts as
+    standing; ``moving_range`` [rad] a joint must cover to count as moving."""
 
     cutoff: float = 25.0
     cutoff_share: float = 0.1
     rate: float = 100.0
-    motion_rate: float = 500.0
+    motion_rate: float = 200.0
     slow_speed: float = 0.02
     moving_range: float = 0.02
 
@@ -91,10 +96,26 @@ def derivative(x: Array, dt: float) -> Array:
     return out
 
 
-def hann_kernel(duration: float, dt: float) -> Array:
-    """Symmetric Hann window of ``duration`` [s] with an odd number of taps and unit sum: -6 dB at 1/duration."""
+def thinned(rate: float, motion_rate: float, row_rate: float) -> tuple[int, int]:
+    """How many samples become one state, and how many states one row, of a log sampled at ``rate`` [Hz].
+
+    Rows are as few as ``row_rate`` [Hz] lets them be, states of those as few as ``motion_rate`` lets them be.
+    """
+    # A rate that stamps give a little too low is no other rate.
+    rate *= 1.0 + UNEVEN
+    total = max(int(rate / row_rate), 1)
+    step = max((s for s in range(1, total + 1) if total % s == 0 and rate / s >= motion_rate), default=1)
+    return step, total // step
+
+
+def hann_kernel(duration: float, dt: float, step: int = 1) -> Array:
+    """Symmetric Hann window of ``duration`` [s] with an odd number of taps and unit sum: -6 dB at 1/duration.
+
+    For a signal of which only every ``step``-th sample is there, the same window at those: both are smoothed alike.
+    """
     half = max(round(duration / (2 * dt)), 1)
-    taps = np.cos(np.pi * np.arange(-half, half + 1) / (2 * (half + 1))) ** 2
+    reach = half // step
+    taps = np.cos(np.pi * step * np.arange(-reach, reach + 1) / (2 * (half + 1))) ** 2
     return np.asarray(taps / taps.sum())
 
 
@@ -125,13 +146,12 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
     ddq = derivative(dq, dt)
     kernel = hann_kernel(1.0 / cutoff, dt)
     half = len(kernel) // 2
-    step = max(int(np.floor(rate / settings.motion_rate)), 1)
-    keep = max(int(np.floor(rate / (step * max(settings.rate, 2 * cutoff)))), 1)
+    step, keep = thinned(rate, max(settings.motion_rate, STATES * cutoff), max(settings.rate, 2 * cutoff))
 
     inside = slice(trim, len(q) - trim)
     fine = slice(trim, len(q) - trim, step)
     motion = Motion(robot, trajectory.time[fine], q[fine], dq[fine], ddq[fine])
-    coarse = hann_kernel(1.0 / cutoff, dt * step)
+    coarse = hann_kernel(1.0 / cutoff, dt, step)
     edge = len(coarse) // 2
     count = len(range(edge, len(motion.time) - edge, keep))
     first = trim + edge * step
