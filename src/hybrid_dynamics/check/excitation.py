@@ -41,7 +41,8 @@ def check_excitation(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
         allowed = float(high[j] - low[j]) if np.isfinite(high[j] - low[j]) and high[j] > low[j] else 2 * np.pi
         poor = span < COVERED * allowed or turns < REVERSALS
         share = f"{span / allowed:.0%} of its range" if np.isfinite(allowed) else ""
-        text = f"covers {span:.3g} rad ({share}), up to {speed:.3g} rad/s, {turns} reversals"
+        unit = "m" if name in robot.prismatic else "rad"
+        text = f"covers {span:.3g} {unit} ({share}), up to {speed:.3g} {unit}/s, {turns} reversals"
         if poor:
             text += "; move it further and to and fro, or its friction and its body cannot be told apart"
         out.append(Finding("range", "warning" if poor else "note", text, joint=name))

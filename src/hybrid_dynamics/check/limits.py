@@ -33,6 +33,8 @@ def check_angles(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
             j = int(np.argmax(np.where(beyond if beyond.any() else outside, largest, 0.0)))
             text = f"reaches {largest[j]:.4g} rad; expected radians (convert degrees to radians)"
             cure = {"units": {"q": "deg"}} if fits.all() else {}
+            if robot.joint_names[j] in robot.prismatic:
+                text, cure = f"reaches {largest[j]:.4g} m; expected metres (convert millimetres to metres)", {}
             return [Finding("degrees", "hard", text, run=run.name, joint=robot.joint_names[j], suggestion=cure)]
     return []
 
@@ -42,6 +44,7 @@ def check_limits(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
     low, high = robot.position_limits
     speed, effort = robot.velocity_limits, robot.effort_limits
     angles, speeds, torques = [], [], []
+    length, effort_unit = ("rad or m", "N m or N") if robot.prismatic else ("rad", "N m")
     for j, name in enumerate(robot.joint_names):
         q = np.concatenate([run["q"][:, j] for run in runs])
         if high[j] > low[j] and (q.min() < low[j] - ANGLE_MARGIN or q.max() > high[j] + ANGLE_MARGIN):
@@ -55,9 +58,14 @@ def check_limits(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
     return [
         Finding(code, "warning", f"{what} beyond the URDF's limits: {', '.join(found)}; {question}")
         for code, what, found, question in (
-            ("beyond_limits", "positions [rad]", angles, "is it this robot, and is its zero position the URDF's?"),
-            ("beyond_speed", "speeds [rad/s]", speeds, "are the time stamps in seconds?"),
-            ("beyond_effort", "torques [N m]", torques, "are they N m at the joint?"),
+            (
+                "beyond_limits",
+                f"positions [{length}]",
+                angles,
+                "is it this robot, and is its zero position the URDF's?",
+            ),
+            ("beyond_speed", f"speeds [{length}/s]", speeds, "are the time stamps in seconds?"),
+            ("beyond_effort", f"torques [{effort_unit}]", torques, f"are they {effort_unit} at the joint?"),
         )
         if found
     ]

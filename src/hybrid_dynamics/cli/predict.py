@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from hybrid_dynamics.loop.prediction import Prediction
+    from hybrid_dynamics.robots import Robot
 
 SUFFIXES = (".parquet", ".pq", ".csv")
 
@@ -89,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         notices.append(f"{left_out} rows stand in stretches too short to filter; they have no prediction")
     for notice in dict.fromkeys(notices):
         console.note(notice)
-    table = _table(prediction, robot.joint_names)
+    table = _table(prediction, robot)
     _write(args.out, table)
     console.say(f"{args.out}: {table.num_rows} rows of predicted torque [N m]")
     summary: dict[str, Any] = {
@@ -102,19 +103,24 @@ def run(args: argparse.Namespace) -> int:
         "files": {"prediction": str(args.out)},
     }
     if prediction.measured is not None:
-        summary["error"] = _tell_error(console, prediction, robot.joint_names)
+        summary["error"] = _tell_error(console, prediction, robot)
     console.result(summary)
     return 0
 
 
-def _tell_error(console: Console, prediction: Prediction, joints: tuple[str, ...]) -> dict[str, Any]:
+def _tell_error(console: Console, prediction: Prediction, robot: Robot) -> dict[str, Any]:
     """Print the error per joint; returns it as JSON values."""
     import numpy as np
 
     smooth, raw, relative = prediction.rmse(), prediction.rmse(smooth=False), prediction.relative_rmse()
     rows = [
-        [name, f"{a:.4g}", "-" if np.isnan(r) else f"{100 * r:.3g} %", f"{b:.4g}"]
-        for name, a, r, b in zip(joints, smooth, relative, raw, strict=True)
+        [
+            f"{name} [N]" if name in robot.prismatic else name,
+            f"{a:.4g}",
+            "-" if np.isnan(r) else f"{100 * r:.3g} %",
+            f"{b:.4g}",
+        ]
+        for name, a, r, b in zip(robot.joint_names, smooth, relative, raw, strict=True)
     ]
     console.table(["error of the prediction, rmse [N m]", "filtered", "of the spread", "as recorded"], rows)
     total = prediction.relative_error()
@@ -130,17 +136,18 @@ def _tell_error(console: Console, prediction: Prediction, joints: tuple[str, ...
     }
 
 
-def _table(prediction: Prediction, joints: tuple[str, ...]) -> pa.Table:
+def _table(prediction: Prediction, robot: Robot) -> pa.Table:
     """Columns ``time``, ``tau1 ...``, then what was asked for; a row without a prediction holds nulls."""
     import numpy as np
     import pyarrow as pa
 
+    joints, slide = robot.joint_names, robot.prismatic
     columns: dict[str, Any] = {"time": prediction.time}
     notes: dict[str, dict[str, str]] = {"time": {"unit": "s"}}
 
     def put(name: str, values: Any, j: int, meaning: str) -> None:
         columns[name] = values[:, j]
-        notes[name] = {"unit": "N m", "joint": joints[j], "meaning": meaning}
+        notes[name] = {"unit": "N" if joints[j] in slide else "N m", "joint": joints[j], "meaning": meaning}
 
     numbers = range(len(joints))
     for j in numbers:

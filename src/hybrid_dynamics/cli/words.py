@@ -7,7 +7,17 @@ from typing import Any
 
 from hybrid_dynamics.loop.alternatives import INSTEAD
 from hybrid_dynamics.loop_report.parameter_words import place, settings_words, several_words, single_words
-from hybrid_dynamics.loop_report.words import VERDICTS, confirmed, final_errors, left_open, state_of, title_of, value_of
+from hybrid_dynamics.loop_report.words import (
+    VERDICTS,
+    confirmed,
+    effort_unit,
+    final_errors,
+    left_open,
+    state_of,
+    title_of,
+    value_of,
+    with_unit,
+)
 
 Entry = Mapping[str, Any]
 #: Kinds of effects whose values stand in the headline; of further ones the names.
@@ -84,13 +94,14 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
     told = {entry["joint"] for entry in diagnosis["unexplained"]}
     for entry in diagnosis["unexplained"]:
         joint, expression = entry["joint"], entry.get("expression") or "0"
-        looks = "" if expression == "0" else f"; it looks like {expression} [N m]"
+        unit = effort_unit(diagnosis, joint)
+        looks = "" if expression == "0" else f"; it looks like {expression} [{unit}]"
         if doubts.get(joint):
-            would_be += [] if expression == "0" else [f"{joint} {expression}"]
+            would_be += [] if expression == "0" else [f"{joint} {expression} [{effort_unit(diagnosis, joint)}]"]
             continue
         out.append(
             f"not down to noise: {joint}: {100 * entry['share_of_residual_variance']:.2g} % of the mean square that is "
-            f"left (rms {final[joints.index(joint)]:.3g} N m) depends on the motion{looks}"
+            f"left (rms {final[joints.index(joint)]:.3g} {unit}) depends on the motion{looks}"
         )
     out += [
         f"not down to noise: {joint}: what is left depends on the motion"
@@ -98,7 +109,7 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
         if alarms.get(joint) and joint not in told
     ]
     if slow := [joint for joint in joints if doubts.get(joint)]:
-        looks = f"; an effect would look like {', '.join(would_be)} [N m]" if would_be else ""
+        looks = f"; an effect would look like {', '.join(would_be)}" if would_be else ""
         out.append(
             f"cannot be told: {', '.join(slow)}: what is left changes slowly, slow noise or an effect that is missing"
             f"{looks}; what would tell: runs that pass the same states again"
@@ -170,7 +181,7 @@ def parameter_lines(diagnosis: Mapping[str, Any]) -> list[str]:
 
 
 def joint_rows(diagnosis: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the table of held-out errors [N m]."""
+    """Header and rows of the table of held-out errors [N m], or [N] where a joint slides."""
     before, final = diagnosis["error"]["test"]["before"], final_errors(diagnosis)
     low, high = (diagnosis.get(f"noise_floor_{side}") for side in ("low", "high"))
     rows = []
@@ -179,7 +190,9 @@ def joint_rows(diagnosis: Mapping[str, Any]) -> tuple[list[str], list[list[str]]
         if low and high:
             floor += f" ({low[j]:.3g} to {high[j]:.3g})"
         errors = [f"{before['rmse'][j]:.3g}", f"{final['rmse'][j]:.3g}"]
-        rows.append([name, *errors, _percent(final["relative_rmse"][j]), floor, state_of(diagnosis, j)[1]])
+        rows.append(
+            [with_unit(diagnosis, name), *errors, _percent(final["relative_rmse"][j]), floor, state_of(diagnosis, j)[1]]
+        )
     return ["held-out rmse [N m]", "before", "after", "of the spread", "noise floor", "what is left"], rows
 
 

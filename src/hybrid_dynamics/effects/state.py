@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -17,10 +17,11 @@ Variable = Literal["time", "q", "dq", "ddq", "load"]
 
 @dataclass(frozen=True)
 class Parameter:
-    """Name and unit of a published parameter."""
+    """Name and unit of a published parameter, at a joint that turns; ``angle``: one also where the joint slides."""
 
     name: str
     unit: str
+    angle: bool = field(default=False, repr=False)
 
 
 @dataclass(frozen=True)

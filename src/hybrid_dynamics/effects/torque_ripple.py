@@ -67,7 +67,7 @@ class TorqueRipple(Family):
     name = "torque_ripple"
     scope = "joint"
     equation = r"\tau = A \sin(n\,q + \varphi),\quad A \ge 0"
-    parameters = (Parameter("amplitude", "N m"), Parameter(HARMONIC, "1/rad"), Parameter("phase", "rad"))
+    parameters = (Parameter("amplitude", "N m"), Parameter(HARMONIC, "1/rad"), Parameter("phase", "rad", angle=True))
     size = 2
     searched = False
     several = True

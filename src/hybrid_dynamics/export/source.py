@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.export.carry import OF_THE_RECORDING, carried
 from hybrid_dynamics.export.terms import Terms, terms
 from hybrid_dynamics.loop.model import Model, load_model, read_model
@@ -90,7 +91,7 @@ class Source:
         ]
         if self.lock:
             lines.append(f"Joints held at zero: {', '.join(self.lock)}.")
-        held = [f"  {name(effect)}: {values(effect)}" for effect in self.model.effects]
+        held = [f"  {name(effect)}: {values(effect, self.model.robot.prismatic)}" for effect in self.model.effects]
         lines += ["Effects of the completed model:", *(held or ["  none"])]
         losses = self.losses(form)
         if losses:
@@ -121,12 +122,12 @@ def name(effect: Effect) -> str:
     return f"{effect.effect} ({place}{'' if effect.is_finding else ', no finding'})"
 
 
-def values(effect: Effect) -> str:
-    """Parameters with standard errors and units, and settings, in one line."""
+def values(effect: Effect, slides: Collection[str]) -> str:
+    """Parameters with standard errors and units, and settings, in one line; ``slides`` are the prismatic joints."""
     parts = []
     for key, value in effect.parameters.items():
         error = effect.std_errors.get(key)
-        unit = family(effect.effect).unit(key, effect.settings)
+        unit = unit_of(family(effect.effect), key, effect.settings, effect.joints, slides)
         spread = "" if error is None else f" +- {error:.2g}"
         parts.append(f"{key} {value:.6g}{spread} {'' if unit == '1' else unit}".rstrip())
     return ", ".join(parts + [f"{key} {value}" for key, value in effect.settings.items()])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
 from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rounded, verdict_of
@@ -41,11 +42,11 @@ def describe_result(
     models = [base, *(found.model(found.terms[: k + 1], False) for k in range(len(found.terms)))]
     models[-1] = full
     rms = [moving_rms(m, logs.test) for m in models]
-    outside = extrapolation(robot.joint_names, logs.train, logs.test)
+    outside = extrapolation(robot, logs.train, logs.test)
     lines: list[str] = []
     entries = []
     for k, (term, effect) in enumerate(zip(found.terms, found.named(full), strict=True)):
-        entry = effect_to_json(effect)
+        entry = effect_to_json(effect, robot.prismatic)
         entry["indistinguishable_from"] = alternatives.get(term, [])
         if open_parameters[term]:
             entry["undetermined_parameters"] = open_parameters[term]
@@ -60,7 +61,7 @@ def describe_result(
         if not entry["confirmed"]:
             lines.append(f"{term.effect}{_where(robot, term)}: contradicted by the test runs ({entry['why_not']})")
         entries.append(entry)
-    lines += _beside(said.model.effects[len(base.effects) :])
+    lines += _beside(said.model.effects[len(base.effects) :], robot.prismatic)
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
         lines.append(
@@ -94,6 +95,7 @@ def describe_result(
             }
             for j in np.flatnonzero(~logs.moving)
         ],
+        **({"prismatic": list(robot.prismatic)} if robot.prismatic else {}),
         "notes": [*notes, *lines],
     }
     return Diagnosis.from_json(rounded(diagnosis)), models
@@ -147,10 +149,11 @@ def _why_not(
     return f"the test runs are predicted better without it ({100 * change.relative:+.1f} % mean square error)"
 
 
-def _beside(added: Sequence[Effect]) -> list[str]:
+def _beside(added: Sequence[Effect], slides: Sequence[str]) -> list[str]:
     """What is estimated beside all links and is no finding, in one line."""
     told = [
-        f"{e.effect} of {e.joints[0]} {value:.3g} +- {e.std_errors[name]:.2g} {family(e.effect).unit(name, e.settings)}"
+        f"{e.effect} of {e.joints[0]} {value:.3g} +- {e.std_errors[name]:.2g} "
+        f"{unit_of(family(e.effect), name, e.settings, e.joints, slides)}"
         for e in added
         if not e.is_finding
         for name, value in e.parameters.items()
@@ -165,7 +168,8 @@ def _change(base: Model, effect: Effect) -> list[str]:
     old = [e for e in base.effects if e.term(base.robot).as_finding == term and kind.scope == "joint"]
     return [
         f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to "
-        f"{was + effect.parameters[p.name]:.4g} {p.unit} since the starting model"
+        f"{was + effect.parameters[p.name]:.4g} "
+        f"{unit_of(kind, p.name, effect.settings, effect.joints, base.robot.prismatic)} since the starting model"
         for p in kind.parameters
         if old and (was := sum(e.parameters[p.name] for e in old)) != 0
     ]

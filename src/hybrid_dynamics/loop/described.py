@@ -12,17 +12,19 @@ from dataclasses import replace
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.effects.urdf_dynamics import ATTRIBUTES
 from hybrid_dynamics.loop.close import LoopResult
 from hybrid_dynamics.loop.diagnosis import NamedEffect, predict_run
 from hybrid_dynamics.loop.model import Model
 
 
-def announced(effects: Sequence[Effect]) -> str:
-    """One line: what the URDF's <dynamics> put into the starting model."""
-    each = [
-        f"{e.joints[0]} {next(iter(e.parameters.values())):g} {family(e.effect).parameters[0].unit}" for e in effects
-    ]
+def announced(effects: Sequence[Effect], slides: Sequence[str]) -> str:
+    """One line: what the URDF's <dynamics> put into the starting model; ``slides`` are the prismatic joints."""
+    each = []
+    for e in effects:
+        name, value = next(iter(e.parameters.items()))
+        each.append(f"{e.joints[0]} {value:g} {unit_of(family(e.effect), name, e.settings, e.joints, slides)}")
     listed = "; ".join(
         f"{kind} {', '.join(text for text, e in zip(each, effects, strict=True) if e.effect == name)}"
         for kind, name, _ in ATTRIBUTES
@@ -37,23 +39,24 @@ def with_described(result: LoopResult, described: Sequence[Effect]) -> LoopResul
         return result
     named, notes = [], []
     for entry in result.diagnosis.effects:
-        total, note = _total(entry, described)
+        total, note = _total(entry, described, result.model.robot.prismatic)
         named.append(total)
         notes += note
-    first = [*_worse(result, described), announced(described)]
+    first = [*_worse(result, described), announced(described, result.model.robot.prismatic)]
     # The loop tells the same change in its own words; the total says more.
     kept = [n for n in result.diagnosis.notes if "since the starting model" not in n]
     diagnosis = replace(result.diagnosis, effects=tuple(named), notes=(*first, *notes, *kept))
     return replace(result, diagnosis=diagnosis)
 
 
-def _total(entry: NamedEffect, described: Sequence[Effect]) -> tuple[NamedEffect, list[str]]:
+def _total(entry: NamedEffect, described: Sequence[Effect], slides: Sequence[str]) -> tuple[NamedEffect, list[str]]:
     effect = entry.effect
     own = [d for d in described if d.effect == effect.effect and d.joints == effect.joints]
     if not own:
         return entry, []
     parameters = {name: value + own[0].parameters[name] for name, value in effect.parameters.items()}
-    units = {p.name: p.unit for p in family(effect.effect).parameters}
+    kind = family(effect.effect)
+    units = {p.name: unit_of(kind, p.name, effect.settings, effect.joints, slides) for p in kind.parameters}
     notes = [
         f"{effect.effect} of {effect.joints[0]}: {name} is {value:.4g} {units[name]} in all, of which the URDF gives "
         f"{own[0].parameters[name]:.4g}"
@@ -73,7 +76,7 @@ def _worse(result: LoopResult, described: Sequence[Effect]) -> list[str]:
 
     without, with_it = rmse(bare), rmse(start)
     worse = [
-        f"{name} {a:.3g} -> {b:.3g} N m"
+        f"{name} {a:.3g} -> {b:.3g} {'N' if name in robot.prismatic else 'N m'}"
         for name, a, b in zip(robot.joint_names, without, with_it, strict=True)
         if b > 1.02 * a and any(d.joints == (name,) for d in described)
     ]

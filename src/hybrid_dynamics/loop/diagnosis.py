@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -92,9 +92,9 @@ class NamedEffect:
             tuple(entry.get("inconsistent_between_runs", ())),
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """The entry of ``diagnosis.json``."""
-        out = effect_to_json(self.effect)
+    def to_json(self, slides: Collection[str] = ()) -> dict[str, Any]:
+        """The entry of ``diagnosis.json``; ``slides`` are the prismatic joints."""
+        out = effect_to_json(self.effect, slides)
         out |= {
             "indistinguishable_from": list(self.indistinguishable_from),
             "confirmed": self.confirmed,
@@ -117,6 +117,7 @@ class Diagnosis:
 
     ``noise_floor`` [N m] lies between ``_low`` and ``_high``; ``learnable_share`` of what is left a black box trained
     on other runs still removes; ``motion_dependent``: the alarm; ``cannot_tell``: neither alarm nor all-clear.
+    ``prismatic`` joints slide: [N] and [m] in the place of [N m] and [rad].
 
     >>> import json
     >>> from hybrid_dynamics import Diagnosis
@@ -141,6 +142,7 @@ class Diagnosis:
     autocorrelation: tuple[float, ...] = ()
     extrapolation: tuple[Mapping[str, Any], ...] = ()
     not_identifiable: tuple[Mapping[str, str], ...] = ()
+    prismatic: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -155,7 +157,16 @@ class Diagnosis:
         validate_diagnosis(value)
         parts: dict[str, Any] = {
             name: tuple(value.get(name, ()))
-            for name in (*_SIZES, *_FLAGS, "joints", "unexplained", "extrapolation", "not_identifiable", "notes")
+            for name in (
+                *_SIZES,
+                *_FLAGS,
+                "joints",
+                "unexplained",
+                "extrapolation",
+                "not_identifiable",
+                "prismatic",
+                "notes",
+            )
         }
         for name in ("error", "error_moving"):
             parts[name] = {split: _change_from(pair) for split, pair in value.get(name, {}).items()}
@@ -174,7 +185,7 @@ class Diagnosis:
         for f in fields(self):
             value = getattr(self, f.name)
             if f.name == "effects":
-                out[f.name] = [e.to_json() for e in value]
+                out[f.name] = [e.to_json(self.prismatic) for e in value]
             elif f.name in ("error", "error_moving"):
                 out[f.name] = {split: _change_to(change) for split, change in value.items()}
             elif value or f.name in ("unexplained", "notes", "noise_floor"):

@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from hybrid_dynamics.effects.units import on_a_slide
 from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.robots import Robot
 
 #: Less than this share of samples outside the training range is no extrapolation worth a word.
 SHARE = 0.01
 VARIABLES = (("q", "rad"), ("dq", "rad/s"), ("ddq", "rad/s^2"))
 
 
-def extrapolation(names: Sequence[str], train: Sequence[Run], test: Sequence[Run]) -> list[dict[str, Any]]:
+def extrapolation(robot: Robot, train: Sequence[Run], test: Sequence[Run]) -> list[dict[str, Any]]:
     """A row per joint and variable of which more than :data:`SHARE` of the test samples lie outside the training range.
 
     ``beyond`` is the farthest sample's distance from that range, in widths of the range.
@@ -29,9 +31,9 @@ def extrapolation(names: Sequence[str], train: Sequence[Run], test: Sequence[Run
         for j in map(int, np.flatnonzero(share > SHARE)):
             rows.append(
                 {
-                    "joint": names[j],
+                    "joint": robot.joint_names[j],
                     "variable": variable,
-                    "unit": unit,
+                    "unit": on_a_slide(unit) if robot.joint_names[j] in robot.prismatic else unit,
                     "train": [float(low[j]), float(high[j])],
                     "test": [float(asked[:, j].min()), float(asked[:, j].max())],
                     "share_outside": float(share[j]),

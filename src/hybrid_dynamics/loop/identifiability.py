@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.tangents import ONE_DIRECTION, directions
@@ -49,7 +50,7 @@ def inconsistent(
     parameter differs by more than three standard errors from the mean of the runs and by more than a few percent of
     the largest parameter of its unit.
     """
-    evidence = judge.evidence
+    evidence, robot = judge.evidence, judge.evidence.robot
     runs = len(evidence.runs)
     out: dict[Term, list[dict[str, Any]]] = {}
     if runs < 2:
@@ -73,7 +74,8 @@ def inconsistent(
         v, e = np.array(values), np.array(errors)
         mean = (v / e**2).sum(axis=0) / (1 / e**2).sum(axis=0)
         chi = (((v - mean) / e) ** 2).sum(axis=0)
-        units = np.array([kind.unit(key, term.options) for key in keys])
+        joints = () if term.joint is None else (robot.joint_names[term.joint],)
+        units = np.array([unit_of(kind, key, term.options, joints, robot.prismatic) for key in keys])
         size = np.array([np.abs(v[:, units == unit]).max() for unit in units])
         spread = np.ptp(v, axis=0)
         entries = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.resources import files
@@ -15,6 +15,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Readings, StateTorque, Term, family, readings, split_key, with_effects
 from hybrid_dynamics.effects.acting import acting_torques, predict_acting, recorded
+from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
 from hybrid_dynamics.files import json_text, write_text
 from hybrid_dynamics.loop.provenance import check_identity, identity_of
@@ -154,8 +155,8 @@ class Model:
         return load_model(path, robot)
 
 
-def effect_to_json(effect: Effect) -> dict[str, Any]:
-    """One entry of ``effects`` in model.json and diagnosis.json.
+def effect_to_json(effect: Effect, slides: Collection[str] = ()) -> dict[str, Any]:
+    """One entry of ``effects`` in model.json and diagnosis.json; ``slides`` are the prismatic joints.
 
     A parameter keyed ``"joint/name"`` (one body a link) becomes name and joint.
     """
@@ -171,7 +172,7 @@ def effect_to_json(effect: Effect) -> dict[str, Any]:
                 "joint": own if joint is None else joint,
                 "value": float(effect.parameters[key]),
                 "std_error": None if error is None else float(error),
-                "unit": kind.unit(key, effect.settings),
+                "unit": unit_of(kind, key, effect.settings, effect.joints, slides),
             }
         )
     return {
@@ -227,8 +228,8 @@ def save_model(path: str | os.PathLike[str], model: Model, record: Mapping[str, 
         "robot": model.robot.name,
         "joints": list(model.robot.joint_names),
         "effects": [
-            *({**effect_to_json(e), "active": True} for e in model.effects),
-            *({**effect_to_json(e), "active": False} for e in model.inactive),
+            *({**effect_to_json(e, model.robot.prismatic), "active": True} for e in model.effects),
+            *({**effect_to_json(e, model.robot.prismatic), "active": False} for e in model.inactive),
         ],
         **identity_of(model.robot),
         **(record or {}),

@@ -38,10 +38,13 @@ class Evidence(LoopSection):
                 title = f"{curve.joint}: {', '.join(words.title_of(e['effect']) for e in kept)}"
                 alt = (
                     f"{title}. Points: torque missing on held-out runs without these effects; line: what they "
-                    f"add, over {curve.axis}; band: twice the noise floor of {words.number(curve.noise, 2)} N m."
+                    f"add, over {curve.axis}; band: twice the noise floor of {words.number(curve.noise, 2)} "
+                    f"{words.effort_unit(self.diagnosis, curve.joint)}."
                 )
                 curve = curve.thinned(LIGHT_POINTS) if self.light else curve
-                figure = plots.curve_figure(curve, self.content.test_runs, curve.joint if len(group.curves) > 1 else "")
+                slides = curve.joint in self.diagnosis.get("prismatic", ())
+                heading = curve.joint if len(group.curves) > 1 else ""
+                figure = plots.curve_figure(curve, self.content.test_runs, heading, slides)
                 figures.append(book.add(figure, alt, plots.CURVE_HEIGHT))
             shown.append(
                 {
@@ -72,13 +75,14 @@ class Torque(LoopSection):
         floors = dict(zip(self.diagnosis["joints"], self.diagnosis["noise_floor"], strict=True))
         runs = list(dict.fromkeys(trace.run for trace in self.content.traces))[: 1 if self.light else None]
         height = plots.TORQUE_HEIGHT + plots.STRIP_HEIGHT
+        slide = self.diagnosis.get("prismatic", ())
         return {
             "runs": [
                 {
                     "run": run,
                     "figures": [
                         book.add(
-                            plots.torque_figure(trace, floors[trace.joint]),
+                            plots.torque_figure(trace, floors[trace.joint], trace.joint in slide),
                             f"Torque of {trace.joint} along held-out run {run}: measured, model before, model after, "
                             "and below what is left.",
                             height,
@@ -151,7 +155,7 @@ class Errors(LoopSection):
                 tables.append({"caption": caption, "rows": _error_rows(d, of, split), "pooled": _pooled(d, of, split)})
         diagnostics = [
             {
-                "joint": name,
+                "joint": words.with_unit(d, name),
                 "floor": range_of((d.get("noise_floor_low") or floor)[j], (d.get("noise_floor_high") or floor)[j]),
                 "learnable": words.share((d.get("learnable_share") or [None] * len(floor))[j]),
                 "memory": words.number((d.get("autocorrelation") or [None] * len(floor))[j], 2),
@@ -167,7 +171,7 @@ def _error_rows(d: Mapping[str, Any], of: str, split: str) -> list[dict[str, str
     before, found, final = d[of][split]["before"], d[of][split]["after"], words.final_errors(d, split, of)
     return [
         {
-            "joint": name,
+            "joint": words.with_unit(d, name),
             "before": words.number(before["rmse"][j]),
             "found": words.number(found["rmse"][j]),
             "final": words.number(final["rmse"][j]),

@@ -128,10 +128,12 @@ def settings_words(entry: Entry, placed: bool = False) -> list[str]:
         out.append(f"{start:.4g} to {end:.4g} s")
     if "only_run" in settings:
         out.append(f"in run {settings['only_run']} alone")
+    # Friction at a joint that turns has torques; at one that slides, forces.
+    length = "rad" if any("N m" in p["unit"] for p in entry["parameters"]) else "m"
     if placed and settings.get("sign_width"):
-        out.append(f"sign turns over {settings['sign_width']:g} rad/s")
+        out.append(f"sign turns over {settings['sign_width']:g} {length}/s")
     if placed and settings.get("sign_displacement"):
-        out.append(f"sign turns over {settings['sign_displacement']:g} rad")
+        out.append(f"sign turns over {settings['sign_displacement']:g} {length}")
     return out
 
 

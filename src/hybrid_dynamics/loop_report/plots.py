@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from hybrid_dynamics.effects.units import on_a_slide
 from hybrid_dynamics.loop_report.bokeh_json import Drawing, blank, plain
 from hybrid_dynamics.loop_report.content import AXES, Curve, Trace
 from hybrid_dynamics.types import Array
@@ -117,15 +118,19 @@ def law_of(curve: Curve, bins: int = BINS) -> tuple[Array, Array, Array, Array]:
     )
 
 
-def curve_figure(curve: Curve, runs: tuple[str, ...], title: str) -> Drawing:
-    """What is missing without the group (points, one colour and shape a run), its law (line), and the noise (band)."""
+def curve_figure(curve: Curve, runs: tuple[str, ...], title: str, slides: bool = False) -> Drawing:
+    """What is missing without the group (points, one colour and shape a run), its law (line), and the noise (band).
+
+    ``slides``: the joint is prismatic.
+    """
     x, mean, low, high = law_of(curve)
     noise = BAND_FLOORS * curve.noise
     shown = _range(np.array(curve.missing), float((low - noise).min()), float((high + noise).max()))
     values: dict[str, Any] = {
         "range": shown,
         "title": ": ".join(filter(None, (title, _beyond(np.array(curve.missing), shown)))),
-        "axis": AXES[curve.axis],
+        "axis": _of_a_slide(AXES[curve.axis]) if slides else AXES[curve.axis],
+        "effort": _effort(slides),
         "law_x": x,
         "law": mean,
         "low": low - noise,
@@ -165,7 +170,7 @@ def _beyond(values: Array, shown: tuple[float, float]) -> str:
 def _curve_template(runs: int) -> dict[str, Any]:
     from bokeh.models import ColumnDataSource
 
-    made = _figure(blank("title"), blank("axis"), "torque [N m]", CURVE_HEIGHT, y_range=_blank_range())
+    made = _figure(blank("title"), blank("axis"), blank("effort"), CURVE_HEIGHT, y_range=_blank_range())
     band = ColumnDataSource({"x": [blank("law_x")], "low": [blank("low")], "high": [blank("high")]})
     made.varea("x", "low", "high", source=band, fill_color=BAND, fill_alpha=0.3, legend_label="law ± noise")
     points = []
@@ -189,13 +194,22 @@ def _curve_template(runs: int) -> dict[str, Any]:
     law = ColumnDataSource({"x": [blank("law_x")], "y": [blank("law")]})
     line = made.line("x", "y", source=law, color=AFTER, line_width=2.5, legend_label="law that was added")
     line.glyph.tags = ["after"]
-    tips = [("run", "$name"), ("at", "@x{0.000}"), ("missing [N m]", "@missing"), ("added [N m]", "@added")]
+    tips = [("run", "$name"), ("at", "@x{0.000}"), ("missing", "@missing"), ("added", "@added")]
     _hover(made, points, tips)
     _legend(made, 3 if runs == 1 else 2)
     return plain(made)
 
 
-def torque_figure(trace: Trace, noise: float) -> Drawing:
+def _effort(slides: bool) -> str:
+    return "force [N]" if slides else "torque [N m]"
+
+
+def _of_a_slide(label: str) -> str:
+    """``label`` of an axis at a prismatic joint."""
+    return on_a_slide(label).replace("torque", "force")
+
+
+def torque_figure(trace: Trace, noise: float, slides: bool = False) -> Drawing:
     """Measured torque and both models above; below, on the same time axis, what is left, with the band of noise."""
     time, measured = np.array(trace.time), np.array(trace.measured)
     left, band = measured - np.array(trace.after), BAND_FLOORS * noise
@@ -203,6 +217,8 @@ def torque_figure(trace: Trace, noise: float) -> Drawing:
         "torque",
         {
             "title": f"{trace.joint}, run {trace.run}",
+            "effort": _effort(slides),
+            "rest": f"left [{'N' if slides else 'N m'}]",
             "time": time,
             "measured": measured,
             "before": np.array(trace.before),
@@ -223,7 +239,7 @@ def _torque_template() -> dict[str, Any]:
 
     names = ("time", "measured", "before", "after", "left")
     source = ColumnDataSource({name: [blank(name)] for name in names})
-    upper = _figure(blank("title"), "", "torque [N m]", TORQUE_HEIGHT)
+    upper = _figure(blank("title"), "", blank("effort"), TORQUE_HEIGHT)
     dashed = {"line_dash": [5, 3], "line_width": 1.2}
     upper.line("time", "before", source=source, color=BEFORE, legend_label="model before", **dashed)
     after = upper.line(
@@ -232,11 +248,11 @@ def _torque_template() -> dict[str, Any]:
     after.glyph.tags = ["after"]
     shown = upper.line("time", "measured", source=source, line_width=1.0, legend_label="measured")
     shown.glyph.tags = ["ink"]
-    tips = [("time [s]", "@time{0.00}"), ("measured [N m]", "@measured"), ("before", "@before"), ("after", "@after")]
+    tips = [("time [s]", "@time{0.00}"), ("measured", "@measured"), ("before", "@before"), ("after", "@after")]
     _hover(upper, [shown], tips)
     upper.xaxis.visible = False
     _legend(upper)
-    strip = _figure("", "time [s]", "left [N m]", STRIP_HEIGHT, x_range=upper.x_range, y_range=_blank_range())
+    strip = _figure("", "time [s]", blank("rest"), STRIP_HEIGHT, x_range=upper.x_range, y_range=_blank_range())
     strip.title.visible = False
     strip.toolbar_location = None
     edges = ColumnDataSource({"x": [blank("ends")], "low": [blank("low")], "high": [blank("high")]})

@@ -121,7 +121,7 @@ def bars(d: Mapping[str, Any]) -> list[dict[str, Any]]:
         kind, state = words.state_of(d, j)
         rows.append(
             {
-                "joint": name,
+                "joint": words.with_unit(d, name),
                 "before": 100 * before[j] / full,
                 "after": 100 * after[j] / full,
                 "low": 100 * low[j] / full,
@@ -198,6 +198,7 @@ class Effects(LoopSection):
                     "settings": ", ".join(settings_words(entry, placed=True)),
                     "width": 100 * group.contribution[place] / largest,
                     "adds": words.number(group.contribution[place], 3),
+                    "adds_unit": words.effort_unit(self.diagnosis, group.contribution_joint[place]),
                     "adds_on": group.contribution_joint[place]
                     if group.contribution_joint[place] != group.where
                     else "",

@@ -41,6 +41,16 @@ GAIN_CAVEAT = (
 )
 
 
+def effort_unit(diagnosis: Diagnosis, joint: str) -> str:
+    """N m, or N where ``joint`` slides."""
+    return "N" if joint in diagnosis.get("prismatic", ()) else "N m"
+
+
+def with_unit(diagnosis: Diagnosis, joint: str) -> str:
+    """``joint`` for a table in N m; where it slides, with the unit of its row."""
+    return f"{joint} [N]" if joint in diagnosis.get("prismatic", ()) else joint
+
+
 def number(value: float | None, digits: int = 4) -> str:
     """``value`` with ``digits`` significant digits, – where there is none."""
     return "–" if value is None else f"{value:.{digits}g}"

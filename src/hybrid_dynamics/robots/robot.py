@@ -101,6 +101,12 @@ class Robot:
         return len(self.joint_names)
 
     @property
+    def prismatic(self) -> tuple[str, ...]:
+        """Joints that slide: their positions are [m], their torques forces [N]."""
+        kinds = (self.model.joints[i].shortname() for i in self.joint_ids)
+        return tuple(name for name, kind in zip(self.joint_names, kinds, strict=True) if kind.startswith("JointModelP"))
+
+    @property
     def position_limits(self) -> tuple[Array, Array]:
         """Lower and upper joint limits (n,) [rad]; infinite for continuous joints."""
         low, high = np.full(self.n_joints, -np.inf), np.full(self.n_joints, np.inf)

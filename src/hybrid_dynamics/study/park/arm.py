@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import family
+from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.identification import LeastSquares, LeastSquaresSettings
 from hybrid_dynamics.loop import LoopResult
@@ -210,7 +211,7 @@ def scatter(
                     "effect": effect.effect,
                     "joint": effect.joints[0] if effect.joints else "",
                     "parameter": key,
-                    "unit": kind.unit(key, effect.settings),
+                    "unit": unit_of(kind, key, effect.settings, effect.joints, robot.prismatic),
                     "value": effect.parameters[key],
                     "std_error": effect.std_errors.get(key, np.nan),
                     "runs": len(values),
