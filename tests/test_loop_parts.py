@@ -55,10 +55,11 @@ def test_rows_are_a_hundred_a_second_and_states_two_hundred_where_whole_numbers_
 @pytest.mark.parametrize("rate", [250.0, 1000.0, 2500.0])
 def test_a_torque_up_to_the_cut_off_is_filtered_as_the_prediction_of_fewer_states_is(rate, panda):
     time = np.arange(round(3 * rate)) / rate
-    torque = np.sin(np.outer(time, 2 * np.pi * np.array([0.5, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0])))
+    pulse = 2 * np.pi * np.array([0.5, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0])
+    torque = np.sin(np.outer(time, pulse))
     slow = _sines(rate, 3.0)["q"]
     run = process(Trajectory("fast", "train", time, {"q": slow, "tau": torque}), panda, ProcessSettings())
-    predicted = np.sin(np.outer(run.motion.time, 2 * np.pi * np.array([0.5, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0])))
+    predicted = np.sin(np.outer(run.motion.time, pulse))
     # Of the same window at fewer instants, the part that folds back: two thousandths of the pass band at most.
     np.testing.assert_allclose(run.smooth(predicted), run.tau, atol=2e-3)
 

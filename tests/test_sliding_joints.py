@@ -66,10 +66,11 @@ def test_units_follow_the_joint_and_those_of_bodies_do_not(name, turns, slides, 
     kind = family(name)
     for joint, expected in (("turn", turns), ("slide", slides)):
         settings = {"shape": "linear"} if name == "joint_spring" else {}
-        found = [unit_of(kind, key, settings, (joint,), lift.prismatic) for key in kind.published(settings)]
+        effect = Effect(name, (joint,), dict.fromkeys(kind.published(settings), 1.0), settings)
+        found = [unit_of(effect, key, lift.prismatic) for key in effect.parameters]
         assert found == expected
-    inertia = family("link_inertia")
-    assert {unit_of(inertia, k, {}, ("slide",), lift.prismatic) for k in inertia.published({})} == {"kg", "m", "kg m^2"}
+    inertia = Effect("link_inertia", ("slide",), dict.fromkeys(family("link_inertia").published({}), 1.0))
+    assert {unit_of(inertia, key, lift.prismatic) for key in inertia.parameters} == {"kg", "m", "kg m^2"}
     assert on_a_slide("s") == "s"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from hybrid_dynamics.check.findings import Finding, Severity
 from hybrid_dynamics.check.samples import Stretch, direction, stretches
+from hybrid_dynamics.effects.units import unit_at
 from hybrid_dynamics.identification.base_parameters import base_parameters, full_regressor
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -41,7 +42,7 @@ def check_excitation(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
         allowed = float(high[j] - low[j]) if np.isfinite(high[j] - low[j]) and high[j] > low[j] else 2 * np.pi
         poor = span < COVERED * allowed or turns < REVERSALS
         share = f"{span / allowed:.0%} of its range" if np.isfinite(allowed) else ""
-        unit = "m" if name in robot.prismatic else "rad"
+        unit = unit_at("rad", name, robot.prismatic)
         text = f"covers {span:.3g} {unit} ({share}), up to {speed:.3g} {unit}/s, {turns} reversals"
         if poor:
             text += "; move it further and to and fro, or its friction and its body cannot be told apart"

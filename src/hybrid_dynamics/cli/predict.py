@@ -112,14 +112,11 @@ def _tell_error(console: Console, prediction: Prediction, robot: Robot) -> dict[
     """Print the error per joint; returns it as JSON values."""
     import numpy as np
 
+    from hybrid_dynamics.effects.units import with_unit
+
     smooth, raw, relative = prediction.rmse(), prediction.rmse(smooth=False), prediction.relative_rmse()
     rows = [
-        [
-            f"{name} [N]" if name in robot.prismatic else name,
-            f"{a:.4g}",
-            "-" if np.isnan(r) else f"{100 * r:.3g} %",
-            f"{b:.4g}",
-        ]
+        [with_unit(name, robot.prismatic), f"{a:.4g}", "-" if np.isnan(r) else f"{100 * r:.3g} %", f"{b:.4g}"]
         for name, a, r, b in zip(robot.joint_names, smooth, relative, raw, strict=True)
     ]
     console.table(["error of the prediction, rmse [N m]", "filtered", "of the spread", "as recorded"], rows)
@@ -141,13 +138,15 @@ def _table(prediction: Prediction, robot: Robot) -> pa.Table:
     import numpy as np
     import pyarrow as pa
 
-    joints, slide = robot.joint_names, robot.prismatic
+    from hybrid_dynamics.effects.units import unit_at
+
+    joints = robot.joint_names
     columns: dict[str, Any] = {"time": prediction.time}
     notes: dict[str, dict[str, str]] = {"time": {"unit": "s"}}
 
     def put(name: str, values: Any, j: int, meaning: str) -> None:
         columns[name] = values[:, j]
-        notes[name] = {"unit": "N" if joints[j] in slide else "N m", "joint": joints[j], "meaning": meaning}
+        notes[name] = {"unit": unit_at("N m", joints[j], robot.prismatic), "joint": joints[j], "meaning": meaning}
 
     numbers = range(len(joints))
     for j in numbers:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hybrid_dynamics.effects.units import with_unit
 from hybrid_dynamics.loop.alternatives import INSTEAD
 from hybrid_dynamics.loop_report.parameter_words import place, settings_words, several_words, single_words
 from hybrid_dynamics.loop_report.words import (
@@ -13,10 +14,10 @@ from hybrid_dynamics.loop_report.words import (
     effort_unit,
     final_errors,
     left_open,
+    slides,
     state_of,
     title_of,
     value_of,
-    with_unit,
 )
 
 Entry = Mapping[str, Any]
@@ -97,7 +98,7 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
         unit = effort_unit(diagnosis, joint)
         looks = "" if expression == "0" else f"; it looks like {expression} [{unit}]"
         if doubts.get(joint):
-            would_be += [] if expression == "0" else [f"{joint} {expression} [{effort_unit(diagnosis, joint)}]"]
+            would_be += [] if expression == "0" else [f"{joint} {expression} [{unit}]"]
             continue
         out.append(
             f"not down to noise: {joint}: {100 * entry['share_of_residual_variance']:.2g} % of the mean square that is "
@@ -190,9 +191,8 @@ def joint_rows(diagnosis: Mapping[str, Any]) -> tuple[list[str], list[list[str]]
         if low and high:
             floor += f" ({low[j]:.3g} to {high[j]:.3g})"
         errors = [f"{before['rmse'][j]:.3g}", f"{final['rmse'][j]:.3g}"]
-        rows.append(
-            [with_unit(diagnosis, name), *errors, _percent(final["relative_rmse"][j]), floor, state_of(diagnosis, j)[1]]
-        )
+        name, relative = with_unit(name, slides(diagnosis)), _percent(final["relative_rmse"][j])
+        rows.append([name, *errors, relative, floor, state_of(diagnosis, j)[1]])
     return ["held-out rmse [N m]", "before", "after", "of the spread", "noise floor", "what is left"], rows
 
 

@@ -127,7 +127,7 @@ def values(effect: Effect, slides: Collection[str]) -> str:
     parts = []
     for key, value in effect.parameters.items():
         error = effect.std_errors.get(key)
-        unit = unit_of(family(effect.effect), key, effect.settings, effect.joints, slides)
+        unit = unit_of(effect, key, slides)
         spread = "" if error is None else f" +- {error:.2g}"
         parts.append(f"{key} {value:.6g}{spread} {'' if unit == '1' else unit}".rstrip())
     return ", ".join(parts + [f"{key} {value}" for key, value in effect.settings.items()])

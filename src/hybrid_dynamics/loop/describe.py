@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
@@ -152,8 +152,7 @@ def _why_not(
 def _beside(added: Sequence[Effect], slides: Sequence[str]) -> list[str]:
     """What is estimated beside all links and is no finding, in one line."""
     told = [
-        f"{e.effect} of {e.joints[0]} {value:.3g} +- {e.std_errors[name]:.2g} "
-        f"{unit_of(family(e.effect), name, e.settings, e.joints, slides)}"
+        f"{e.effect} of {e.joints[0]} {value:.3g} +- {e.std_errors[name]:.2g} {unit_of(e, name, slides)}"
         for e in added
         if not e.is_finding
         for name, value in e.parameters.items()
@@ -168,8 +167,8 @@ def _change(base: Model, effect: Effect) -> list[str]:
     old = [e for e in base.effects if e.term(base.robot).as_finding == term and kind.scope == "joint"]
     return [
         f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to "
-        f"{was + effect.parameters[p.name]:.4g} "
-        f"{unit_of(kind, p.name, effect.settings, effect.joints, base.robot.prismatic)} since the starting model"
+        f"{was + effect.parameters[p.name]:.4g} {unit_of(effect, p.name, base.robot.prismatic)} since the starting "
+        "model"
         for p in kind.parameters
         if old and (was := sum(e.parameters[p.name] for e in old)) != 0
     ]

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, family
-from hybrid_dynamics.effects.units import unit_of
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.effects.units import unit_at, unit_of
 from hybrid_dynamics.effects.urdf_dynamics import ATTRIBUTES
 from hybrid_dynamics.loop.close import LoopResult
 from hybrid_dynamics.loop.diagnosis import NamedEffect, predict_run
@@ -24,7 +24,7 @@ def announced(effects: Sequence[Effect], slides: Sequence[str]) -> str:
     each = []
     for e in effects:
         name, value = next(iter(e.parameters.items()))
-        each.append(f"{e.joints[0]} {value:g} {unit_of(family(e.effect), name, e.settings, e.joints, slides)}")
+        each.append(f"{e.joints[0]} {value:g} {unit_of(e, name, slides)}")
     listed = "; ".join(
         f"{kind} {', '.join(text for text, e in zip(each, effects, strict=True) if e.effect == name)}"
         for kind, name, _ in ATTRIBUTES
@@ -55,11 +55,9 @@ def _total(entry: NamedEffect, described: Sequence[Effect], slides: Sequence[str
     if not own:
         return entry, []
     parameters = {name: value + own[0].parameters[name] for name, value in effect.parameters.items()}
-    kind = family(effect.effect)
-    units = {p.name: unit_of(kind, p.name, effect.settings, effect.joints, slides) for p in kind.parameters}
     notes = [
-        f"{effect.effect} of {effect.joints[0]}: {name} is {value:.4g} {units[name]} in all, of which the URDF gives "
-        f"{own[0].parameters[name]:.4g}"
+        f"{effect.effect} of {effect.joints[0]}: {name} is {value:.4g} {unit_of(effect, name, slides)} in all, of "
+        f"which the URDF gives {own[0].parameters[name]:.4g}"
         for name, value in parameters.items()
     ]
     return replace(entry, effect=replace(effect, parameters=parameters)), notes
@@ -76,7 +74,7 @@ def _worse(result: LoopResult, described: Sequence[Effect]) -> list[str]:
 
     without, with_it = rmse(bare), rmse(start)
     worse = [
-        f"{name} {a:.3g} -> {b:.3g} {'N' if name in robot.prismatic else 'N m'}"
+        f"{name} {a:.3g} -> {b:.3g} {unit_at('N m', name, robot.prismatic)}"
         for name, a, b in zip(robot.joint_names, without, with_it, strict=True)
         if b > 1.02 * a and any(d.joints == (name,) for d in described)
     ]

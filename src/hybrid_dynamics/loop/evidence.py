@@ -52,7 +52,7 @@ class Evidence:
         #: Products of all columns and, as the last one, the target, per joint.
         self.gram: list[BlockGrams] = []
         self._cache: dict[tuple[frozenset[Term], bool], Held] = {}
-        self.base_target = [run.tau - run.smooth(self.predict_fine(base, run)) for run in self.runs]
+        self.base_target = self.exact([])
         self._base_places: dict[Term, Array] = {}
         for effect in base.effects:
             term = effect.term(base.robot)

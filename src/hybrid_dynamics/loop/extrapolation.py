@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.effects.units import on_a_slide
+from hybrid_dynamics.effects.units import unit_at
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.robots import Robot
 
@@ -33,7 +33,7 @@ def extrapolation(robot: Robot, train: Sequence[Run], test: Sequence[Run]) -> li
                 {
                     "joint": robot.joint_names[j],
                     "variable": variable,
-                    "unit": on_a_slide(unit) if robot.joint_names[j] in robot.prismatic else unit,
+                    "unit": unit_at(unit, robot.joint_names[j], robot.prismatic),
                     "train": [float(low[j]), float(high[j])],
                     "test": [float(asked[:, j].min()), float(asked[:, j].max())],
                     "share_outside": float(share[j]),

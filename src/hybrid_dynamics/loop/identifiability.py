@@ -50,7 +50,7 @@ def inconsistent(
     parameter differs by more than three standard errors from the mean of the runs and by more than a few percent of
     the largest parameter of its unit.
     """
-    evidence, robot = judge.evidence, judge.evidence.robot
+    evidence = judge.evidence
     runs = len(evidence.runs)
     out: dict[Term, list[dict[str, Any]]] = {}
     if runs < 2:
@@ -74,8 +74,7 @@ def inconsistent(
         v, e = np.array(values), np.array(errors)
         mean = (v / e**2).sum(axis=0) / (1 / e**2).sum(axis=0)
         chi = (((v - mean) / e) ** 2).sum(axis=0)
-        joints = () if term.joint is None else (robot.joint_names[term.joint],)
-        units = np.array([unit_of(kind, key, term.options, joints, robot.prismatic) for key in keys])
+        units = np.array([unit_of(effect, key, evidence.robot.prismatic) for key in keys])
         size = np.array([np.abs(v[:, units == unit]).max() for unit in units])
         spread = np.ptp(v, axis=0)
         entries = [

@@ -68,7 +68,7 @@ class Model:
 
         ``time`` (T,) [s] serves effects that depend on it.
         """
-        return self.recorded(self.acting_torques(q, dq, ddq, time)[1], time)
+        return predict_acting(*self._acting, self.readings, q, dq, ddq, time)
 
     def acting_torques(self, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> tuple[Array, Array]:
         """Torques (T, n) [N m] at work: of the rigid body, and of it and the effects, before what is read wrongly."""
@@ -172,7 +172,7 @@ def effect_to_json(effect: Effect, slides: Collection[str] = ()) -> dict[str, An
                 "joint": own if joint is None else joint,
                 "value": float(effect.parameters[key]),
                 "std_error": None if error is None else float(error),
-                "unit": unit_of(kind, key, effect.settings, effect.joints, slides),
+                "unit": unit_of(effect, key, slides),
             }
         )
     return {

@@ -32,19 +32,16 @@ class FoldSums:
 
     def renew(self, joint: int, gram: BlockGrams) -> None:
         """Sum all of ``gram``, that of ``joint``, anew."""
-        sums = gram.totals(self._chosen)
-        own, edge = sums[: self._folds], sums[self._folds :]
-        self.full[joint], self.own[joint] = own.sum(axis=0), own
-        self.others[joint] = self.full[joint] - own - edge
+        self.full[joint], self.own[joint], self.others[joint] = self._parts(gram.totals(self._chosen))
 
     def renew_columns(self, joint: int, gram: BlockGrams, columns: Indices) -> None:
         """The same where only the products of ``columns`` with the others have changed."""
-        sums = gram.column_totals(columns, self._chosen)
+        old = self.full[joint], self.own[joint], self.others[joint]
+        for sums, new in zip(old, self._parts(gram.column_totals(columns, self._chosen)), strict=True):
+            sums[..., columns, :], sums[..., columns] = new, new.swapaxes(-1, -2)
+
+    def _parts(self, sums: Array) -> tuple[Array, Array, Array]:
+        """All blocks, those of each fold, and those that it is predicted from; ``sums`` of what is chosen."""
         own, edge = sums[: self._folds], sums[self._folds :]
         full = own.sum(axis=0)
-        for old, new in (
-            (self.full[joint][None], full[None]),
-            (self.own[joint], own),
-            (self.others[joint], full - own - edge),
-        ):
-            old[:, columns], old[:, :, columns] = new, new.swapaxes(1, 2)
+        return full, own, full - own - edge

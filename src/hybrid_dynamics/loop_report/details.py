@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hybrid_dynamics.effects.units import with_unit
 from hybrid_dynamics.loop_report import plots, words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import AXES, KINDS, SearchStep
@@ -42,7 +43,7 @@ class Evidence(LoopSection):
                     f"{words.effort_unit(self.diagnosis, curve.joint)}."
                 )
                 curve = curve.thinned(LIGHT_POINTS) if self.light else curve
-                slides = curve.joint in self.diagnosis.get("prismatic", ())
+                slides = curve.joint in words.slides(self.diagnosis)
                 heading = curve.joint if len(group.curves) > 1 else ""
                 figure = plots.curve_figure(curve, self.content.test_runs, heading, slides)
                 figures.append(book.add(figure, alt, plots.CURVE_HEIGHT))
@@ -75,7 +76,7 @@ class Torque(LoopSection):
         floors = dict(zip(self.diagnosis["joints"], self.diagnosis["noise_floor"], strict=True))
         runs = list(dict.fromkeys(trace.run for trace in self.content.traces))[: 1 if self.light else None]
         height = plots.TORQUE_HEIGHT + plots.STRIP_HEIGHT
-        slide = self.diagnosis.get("prismatic", ())
+        slide = words.slides(self.diagnosis)
         return {
             "runs": [
                 {
@@ -155,7 +156,7 @@ class Errors(LoopSection):
                 tables.append({"caption": caption, "rows": _error_rows(d, of, split), "pooled": _pooled(d, of, split)})
         diagnostics = [
             {
-                "joint": words.with_unit(d, name),
+                "joint": with_unit(name, words.slides(d)),
                 "floor": range_of((d.get("noise_floor_low") or floor)[j], (d.get("noise_floor_high") or floor)[j]),
                 "learnable": words.share((d.get("learnable_share") or [None] * len(floor))[j]),
                 "memory": words.number((d.get("autocorrelation") or [None] * len(floor))[j], 2),
@@ -171,7 +172,7 @@ def _error_rows(d: Mapping[str, Any], of: str, split: str) -> list[dict[str, str
     before, found, final = d[of][split]["before"], d[of][split]["after"], words.final_errors(d, split, of)
     return [
         {
-            "joint": words.with_unit(d, name),
+            "joint": with_unit(name, words.slides(d)),
             "before": words.number(before["rmse"][j]),
             "found": words.number(found["rmse"][j]),
             "final": words.number(final["rmse"][j]),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from hybrid_dynamics.effects import family
+from hybrid_dynamics.effects.units import with_unit
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import KINDS, Content, Group
@@ -121,7 +122,7 @@ def bars(d: Mapping[str, Any]) -> list[dict[str, Any]]:
         kind, state = words.state_of(d, j)
         rows.append(
             {
-                "joint": words.with_unit(d, name),
+                "joint": with_unit(name, words.slides(d)),
                 "before": 100 * before[j] / full,
                 "after": 100 * after[j] / full,
                 "low": 100 * low[j] / full,

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hybrid_dynamics.effects import family
+from hybrid_dynamics.effects.units import unit_at
 from hybrid_dynamics.errors import ConfigError
 
 Diagnosis = Mapping[str, Any]
@@ -41,14 +42,14 @@ GAIN_CAVEAT = (
 )
 
 
+def slides(diagnosis: Diagnosis) -> Sequence[str]:
+    """Joints that slide."""
+    return tuple(diagnosis.get("prismatic", ()))
+
+
 def effort_unit(diagnosis: Diagnosis, joint: str) -> str:
     """N m, or N where ``joint`` slides."""
-    return "N" if joint in diagnosis.get("prismatic", ()) else "N m"
-
-
-def with_unit(diagnosis: Diagnosis, joint: str) -> str:
-    """``joint`` for a table in N m; where it slides, with the unit of its row."""
-    return f"{joint} [N]" if joint in diagnosis.get("prismatic", ()) else joint
+    return unit_at("N m", joint, slides(diagnosis))
 
 
 def number(value: float | None, digits: int = 4) -> str:

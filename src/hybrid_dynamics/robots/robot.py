@@ -63,6 +63,9 @@ class Robot:
         ids = [model.getJointId(joint) for joint in joint_names]
         #: Pinocchio joint id of each joint, in the robot's order.
         self.joint_ids: tuple[int, ...] = tuple(ids)
+        kinds = [model.joints[i].shortname() for i in ids]
+        #: Joints that slide: their positions are [m], their torques forces [N].
+        self.prismatic = tuple(j for j, kind in zip(joint_names, kinds, strict=True) if kind.startswith("JointModelP"))
         self._v = np.array([model.idx_vs[i] for i in ids])
         self._q = np.array([model.idx_qs[i] for i in ids])
         self._unbounded = np.array([model.nqs[i] == 2 for i in ids])
@@ -99,12 +102,6 @@ class Robot:
     def n_joints(self) -> int:
         """Number of movable joints."""
         return len(self.joint_names)
-
-    @property
-    def prismatic(self) -> tuple[str, ...]:
-        """Joints that slide: their positions are [m], their torques forces [N]."""
-        kinds = (self.model.joints[i].shortname() for i in self.joint_ids)
-        return tuple(name for name, kind in zip(self.joint_names, kinds, strict=True) if kind.startswith("JointModelP"))
 
     @property
     def position_limits(self) -> tuple[Array, Array]:

@@ -211,7 +211,7 @@ def scatter(
                     "effect": effect.effect,
                     "joint": effect.joints[0] if effect.joints else "",
                     "parameter": key,
-                    "unit": unit_of(kind, key, effect.settings, effect.joints, robot.prismatic),
+                    "unit": unit_of(effect, key, robot.prismatic),
                     "value": effect.parameters[key],
                     "std_error": effect.std_errors.get(key, np.nan),
                     "runs": len(values),
