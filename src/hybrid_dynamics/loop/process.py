@@ -36,13 +36,14 @@ END_PERIODS = 2.0
 class ProcessSettings:
     """``cutoff`` [Hz] of position and torque, lowered to ``cutoff_share`` of the sampling rate for slow logs;
     ``rate`` [Hz] at least kept after decimation; ``motion_rate`` [Hz], at least kept of the states a model is asked
-    about (and :data:`STATES` in a period of the cut-off); ``slow_speed`` [rad/s] below which a joint counts as
+    about (and :data:`STATES` in a period of the cut-off; fewer, and a sharp sign of the speed looks like one that turns
+    over slowly: at 400 Hz halved to 200 Hz by 0.01 rad/s); ``slow_speed`` [rad/s] below which a joint counts as
     standing; ``moving_range`` [rad] a joint must cover to count as moving."""
 
     cutoff: float = 25.0
     cutoff_share: float = 0.1
     rate: float = 100.0
-    motion_rate: float = 200.0
+    motion_rate: float = 400.0
     slow_speed: float = 0.02
     moving_range: float = 0.02
 
