@@ -20,6 +20,7 @@ from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
+from hybrid_dynamics.loop.pairs import pair_on_a_joint
 from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Judge, covers, joined, rank, same_place
 
 #: An effect that was dropped this often is left alone.
@@ -75,13 +76,17 @@ def search(
 
     while True:
         before = evidence.held(current, physical=True)
-        table = rank(judge, current, [c for c in candidates if dropped[c] < MOST_DROPS], before)
+        open_to = [c for c in candidates if dropped[c] < MOST_DROPS]
+        table = rank(judge, current, open_to, before)
         room = len(current) < settings.max_effects
         fresh = (c for c in table if room and c.accepted and frozenset(joined(current, c.term)) not in seen)
         choice = next(fresh, None)
         if choice is not None:
             action, added = "add", choice.term
             trial = joined(current, added)
+        elif room and (pair := pair_on_a_joint(judge, current, open_to, before, seen)) is not None:
+            action, added = "add", pair[0]
+            trial = joined(joined(current, pair[1]), pair[0])
         else:
             action, added = "replace", None
             replaced = None
