@@ -57,7 +57,19 @@ def test_an_arm_mounted_otherwise_passes_and_its_gravity_is_found(panda, gravity
     log = excitation(mounted, FRICTION, duration=16.0, rate=200.0)
     findings, found = check_torque(panda, [log])
     assert [(f.severity, f.code) for f in findings] == [("note", "mounting")]
+    assert findings[0].text.startswith("the base does not stand as the URDF says")
     np.testing.assert_allclose(found, gravity, atol=0.3)
+
+
+def test_a_base_that_leans_a_little_may_as_well_carry_links_that_weigh_otherwise(panda):
+    leaning = panda.copy()
+    leaning.model.gravity.linear = 9.81 * np.array([np.sin(0.4), 0.0, -np.cos(0.4)])
+    findings, _ = check_torque(leaning, [excitation(leaning, FRICTION, duration=16.0, rate=200.0)])
+    assert findings == []
+    findings, _ = check_torque(panda, [excitation(leaning, FRICTION, duration=16.0, rate=200.0)])
+    assert [(f.severity, f.code) for f in findings] == [("note", "mounting")]
+    assert findings[0].text.startswith("the base may not stand as the URDF says: gravity fits best at 23 deg")
+    assert "links that weigh other than the URDF" in findings[0].text
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (1, 3), (3, 4)])

@@ -37,6 +37,8 @@ MAX_SCALE = 8.0
 STRONG = 0.15
 #: Delays [s]: told, doubted, refused. Shorter ones are for the loop to name.
 DELAY_TOLD, DELAY_DOUBTED, DELAY_REFUSED = 0.01, 0.03, 0.08
+#: Up to this angle [rad] gravity may seem to be turned by links whose masses or centres of mass are off.
+WEIGHED_WRONGLY = np.deg2rad(40.0)
 #: Share of joints that a late clock must help.
 MOST_JOINTS = 0.7
 #: Least gain of a delay (sum of the joints' log mean squares).
@@ -283,15 +285,21 @@ def _mounting(robot: Robot, told: Guess, best: Guess) -> list[Finding]:
     if off <= SAME_MOUNTING:
         return []
     x, y, z = best.gravity
-    return [
-        Finding(
-            "mounting",
-            "note",
-            f"the base does not stand as the URDF says: gravity is found at {np.rad2deg(off):.0f} deg to it, along "
-            f"({x:.2f}, {y:.2f}, {z:.2f}) m/s^2 in the frame of {robot.name}'s base (an arm on a wall or under a "
-            "ceiling); close-loop names it gravity_tilt",
+    where = (
+        f"at {np.rad2deg(off):.0f} deg to it, along ({x:.2f}, {y:.2f}, {z:.2f}) m/s^2 in the frame of "
+        f"{robot.name}'s base"
+    )
+    if off > WEIGHED_WRONGLY and _certain(told, best):
+        text = (
+            f"the base does not stand as the URDF says: gravity is found {where} (an arm on a wall or under a "
+            "ceiling); close-loop names it gravity_tilt"
         )
-    ]
+    else:
+        text = (
+            f"the base may not stand as the URDF says: gravity fits best {where}; links that weigh other than the URDF "
+            "says look the same: close-loop asks for both"
+        )
+    return [Finding("mounting", "note", text)]
 
 
 def _units(names: Sequence[str], fits: Sequence[Fit]) -> list[Finding]:
