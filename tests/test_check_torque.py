@@ -151,6 +151,25 @@ def test_a_spring_on_a_light_wrist_is_no_wrong_sign():
     assert ("hard", "torque_sign", "wrist_3_joint") in told(ur10, turned)
 
 
+def test_a_tool_on_the_other_side_of_a_light_wrist_is_no_wrong_sign():
+    xarm = Robot.from_urdf(find_description("xarm_description/urdf/xarm7.urdf"))
+    body = {"mass": 1.2, "com_x": 0.0, "com_y": 0.02, "com_z": 0.12}
+    inertia = {f"inertia_{a}{b}": 0.002 * (a == b) for a, b in ("xx", "xy", "yy", "xz", "yz", "zz")}
+    tool = Effect("payload", (), body | inertia)
+    log = excitation(xarm, [tool], duration=16.0, rate=200.0, seed=2)
+    assert [f for f in told(xarm, log) if f[0] == "hard"] == []
+    # Control: the same tool where friction at the wrist shows the sign, turned.
+    rough = excitation(
+        xarm,
+        [tool, Effect("coulomb_friction", ("joint7",), {"coulomb_torque": 1.0})],
+        duration=16.0,
+        rate=200.0,
+        seed=2,
+    )
+    turned = rough.with_signals(tau=rough["tau"] * np.where(np.arange(7) == 6, -1, 1))
+    assert ("hard", "torque_sign", "joint7") in told(xarm, turned)
+
+
 def test_two_late_joints_are_no_late_clock(panda, run):
     late = 60  # rows of 5 ms
     rng = np.random.default_rng(0)

@@ -57,16 +57,25 @@ class Forms:
             self.grams.append(table.T @ table / len(table))
 
     def fit(
-        self, j: int, gravity: Array, source: int | None = None, sign: int = 1, pace: float = 1.0, rotor: bool = True
+        self,
+        j: int,
+        gravity: Array,
+        source: int | None = None,
+        sign: int = 1,
+        pace: float = 1.0,
+        rotor: bool = True,
+        links: bool = True,
     ) -> Fit:
         """Explain torque column ``source`` (``j``) times ``sign`` as joint ``j`` under ``gravity`` (3,).
 
-        ``pace``: true speed over the speed that the time stamps say. Without ``rotor`` the joint has none.
+        ``pace``: true speed over the speed that the time stamps say. Without ``rotor`` the joint has none, without
+        ``links`` it moves nothing but itself.
         """
         gram = self.grams[j]
         target = 7 + (j if source is None else source)
         mix = np.zeros((len(gram), 5))
-        mix[0, 0], mix[1:4, 0] = pace**2, gravity
+        if links:
+            mix[0, 0], mix[1:4, 0] = pace**2, gravity
         mix[_FREE, 1:4] = np.diag([1.0, 1.0, float(rotor)])
         mix[target, 4] = sign
         return explain(mix.T @ gram @ mix)

@@ -25,6 +25,8 @@ SETTLED = 0.2
 #: A joint moves both ways where it spends this share of the log in each; a torque is mostly that of the links where
 #: they make this much of its standard deviation.
 BOTH_WAYS, MOSTLY = 0.05, 0.5
+#: Links that would weigh this many times more than those of the other joints, against the URDF, show no sign.
+HEAVIER = 3.0
 #: A guess changes a joint where its score (natural logarithm of the mean square left) differs by this much.
 CHANGED = 0.05
 #: A run is looked at alone where it leaves this much more of a joint's mean square than the best run.
@@ -171,7 +173,10 @@ def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, shown: boo
         "hard" if certain else "warning",
         f"the measured torque (tau{j + 1}) {'has' if certain else 'may have'} the wrong sign "
         f"({_shares(told, best, [j])}); no direction of gravity and no order of the joints explains it better; "
-        "expected the torque the drive delivers, positive along the joint axis: flip its sign",
+        "expected the torque the drive delivers, positive along the joint axis: "
+        + (
+            "flip its sign" if certain else "flip its sign, unless a tool or a spring at this joint pulls the other way"
+        ),
         joint=names[j],
         # What is not certain is no clear cure: nothing is turned round unasked.
         suggestion=turned(len(names), [j], ["tau"]) if certain else {},
@@ -182,15 +187,23 @@ def _shows_its_sign(columns: Columns, forms: Forms, best: Guess, j: int) -> bool
     """Whether the joint moves both ways, or its torque is mostly that of its links; not by a rotor alone.
 
     Friction along one way is a constant and a slope like any other: a cable's pull that falls off looks like it. At one
-    frequency a spring is a rotor turned round.
+    frequency a spring is a rotor turned round. A tool on one side of a wrist whose own weight, a small one, lies on the
+    other looks like that weight turned round and many times as large.
     """
-    dq = columns.dq[:, j]
-    if forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace, rotor=False).left >= EXPLAINED:
+
+    def fit(k: int, rotor: bool = True, links: bool = True) -> Fit:
+        return forms.fit(k, best.gravity, best.source[k], best.sign[k], best.pace, rotor, links)
+
+    dq, own = columns.dq[:, j], fit(j, rotor=False)
+    others = [f.coefficients[0] for k in range(forms.n) if k != j and (f := fit(k)).left < EXPLAINED]
+    if others and own.coefficients[0] > HEAVIER * float(np.median(others)):
+        own = fit(j, rotor=False, links=False)
+    if own.left >= EXPLAINED:
         return False
     if min(np.mean(dq > SIGN_WIDTH), np.mean(dq < -SIGN_WIDTH)) >= BOTH_WAYS:
         return True
-    fit = forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace)
-    return bool(fit.coefficients[0] * fit.rigid >= MOSTLY * columns.tau[:, best.source[j]].std())
+    whole = fit(j)
+    return bool(whole.coefficients[0] * whole.rigid >= MOSTLY * columns.tau[:, best.source[j]].std())
 
 
 def _places(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
