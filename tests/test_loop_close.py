@@ -5,10 +5,12 @@ import json
 import numpy as np
 import pytest
 
+from hybrid_dynamics.cli.words import headline
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.effects.inertia import to_body, to_dynamic
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop.diagnosis import Diagnosis
 from hybrid_dynamics.loop_report.report import report_html
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation, excitations
@@ -126,6 +128,11 @@ def test_friction_of_the_starting_model_that_became_less_is_named_and_stays_fric
     assert change["value"] == pytest.approx(-0.8, rel=0.02)
     told = next(n for n in result.diagnosis.to_json()["notes"] if "since the starting model" in n)
     assert told.startswith("coulomb_friction of panda_joint4: coulomb_torque changed from 3 to 2.")
+    assert result.diagnosis.effects[0].in_all["coulomb_torque"] == pytest.approx(
+        {"start": 3.0, "now": 3.0 + change["value"]}
+    )
+    assert Diagnosis.from_json(result.diagnosis.to_json()).to_json() == result.diagnosis.to_json()
+    assert "Coulomb friction 3 → 2.2 N m on panda_joint4" in headline(result.diagnosis.to_json())
     # The sum is still friction: the saved model is accepted.
     result.model.save(tmp_path / "model.json")
     assert Model.load(tmp_path / "model.json", panda).effects == result.model.effects

@@ -5,10 +5,12 @@ import json
 import pytest
 from tests.small_arm import HIDDEN, URDF, write_logs
 
+from hybrid_dynamics.cli.words import headline, notes
 from hybrid_dynamics.close_files import LoopFiles, close_files
 from hybrid_dynamics.effects.urdf_dynamics import urdf_dynamics
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings
+from hybrid_dynamics.loop_report.words import told_first
 from hybrid_dynamics.robots import Robot
 
 TRUE = ('<dynamics damping="3.0" friction="0"/>', '<dynamics damping="0.0" friction="1.5"/>')
@@ -78,3 +80,14 @@ def test_a_placeholder_is_told_first_and_values_are_totals(logs, tmp_path):
     assert values[("viscous_friction", "shoulder")] == pytest.approx(3.0, rel=0.02)
     assert values[("coulomb_friction", "elbow")] == pytest.approx(1.5, rel=0.02)
     assert any("in all, of which the URDF gives 20" in note for note in found["notes"])
+    shoulder = next(e for e in found["effects"] if e["joints"] == ["shoulder"])
+    assert shoulder["in_all"]["viscous_coefficient"]["urdf"] == 20
+    assert shoulder["in_all"]["viscous_coefficient"]["now"] == shoulder["parameters"][0]["value"]
+    # On the console and on the page the harm comes before the numbers, and is told once.
+    assert "missing or wrong in the URDF: " in headline(found)
+    assert "viscous friction 3" in headline(found)
+    assert "(URDF: 20)" in headline(found)
+    assert told_first(found) == found["notes"][:1]
+    assert not [n for n in notes(found) if "in all, of which" in n or n in told_first(found)]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.index("The URDF&#39;s &lt;dynamics&gt; makes") < page.index("What is missing, where")

@@ -92,8 +92,8 @@ def close_files(files: LoopFiles, progress: Progress | None = None, note: Notify
     if progress is not None:
         progress(1.0, "writing the report")
     with result_folder(files.out, RESULT_FILES, force=files.force, ours=is_result) as folder:
-        write_result(folder, result, provenance)
-    return result.diagnosis.to_json()
+        diagnosis = write_result(folder, result, provenance)
+    return diagnosis.to_json()
 
 
 def read_logs(

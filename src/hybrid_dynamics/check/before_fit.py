@@ -94,7 +94,9 @@ def checked(
         of_torque, found_gravity = _torque(body, part)
         if part is second and angle(found_gravity, gravity) < SAME_MOUNTING:
             of_torque = [f for f in of_torque if f.code != "mounting"]
-        findings += of_torque
+        # What both say is told once; a hard finding is never left out.
+        told_of = {(f.code, f.joint) for f in findings}
+        findings += [f for f in of_torque if f.severity == "hard" or (f.code, f.joint) not in told_of]
         gravity = found_gravity if part is first else gravity
     findings = _once(findings)
     _stop(findings, refuse)

@@ -14,6 +14,7 @@ from hybrid_dynamics.loop_report.words import (
     effort_unit,
     final_errors,
     left_open,
+    other_notes,
     slides,
     state_of,
     title_of,
@@ -44,7 +45,9 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
     if not named:
         return f"something is missing, but nothing known explains it; {error}"
     # Asked of an earlier model, what is found is what has changed since: friction may have become less.
-    lead = "changed" if (diagnosis.get("provenance") or {}).get("command", {}).get("model") else "missing"
+    asked = (diagnosis.get("provenance") or {}).get("command", {}).get("model")
+    described = any("urdf" in ends for e in diagnosis["effects"] for ends in (e.get("in_all") or {}).values())
+    lead = "changed" if asked else "missing or wrong in the URDF" if described else "missing"
     return f"{lead}{'' if verdict == 'explained' else ', and not all'}: {named}; {error}"
 
 
@@ -161,7 +164,7 @@ def _outside(diagnosis: Mapping[str, Any]) -> list[str]:
 
 def notes(diagnosis: Mapping[str, Any]) -> list[str]:
     """The diagnosis's notes, without those that :func:`details` has told already."""
-    return [note for note in diagnosis.get("notes", []) if not any(words in note for words in TOLD_ALREADY)]
+    return [note for note in other_notes(diagnosis) if not any(words in note for words in TOLD_ALREADY)]
 
 
 def parameter_lines(diagnosis: Mapping[str, Any]) -> list[str]:

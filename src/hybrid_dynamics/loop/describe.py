@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,9 @@ def describe_result(
             entry["inconsistent_between_runs"] = disagreeing[term]
             which = ", ".join(d["parameter"] for d in disagreeing[term])
             lines.append(f"{term.effect}{_where(robot, term)}: {which} differ between runs beyond their uncertainty")
-        lines += _change(base, effect)
+        if changed := _in_all(base, effect):
+            entry["in_all"] = changed
+        lines += _change(effect, changed, robot.prismatic)
         entry["test_rmse_before"] = [float(v) for v in rms[k]]
         entry["test_rmse_after"] = [float(v) for v in rms[k + 1]]
         entry |= _confirmed(robot, term, said, outside, entry, len(logs.train))
@@ -160,17 +162,25 @@ def _beside(added: Sequence[Effect], slides: Sequence[str]) -> list[str]:
     return [f"estimated beside all links, which can look the same, and no finding: {'; '.join(told)}"] if told else []
 
 
-def _change(base: Model, effect: Effect) -> list[str]:
-    """What became of a joint's effect that ``base`` has already; bodies have their whole inertia in the table."""
+def _in_all(base: Model, effect: Effect) -> dict[str, dict[str, float]]:
+    """Parameters of a joint's effect that ``base`` has already: there, and with the change; bodies have their whole
+    inertia in the table."""
     term = effect.term(base.robot)
     kind = term.family()
     old = [e for e in base.effects if e.term(base.robot).as_finding == term and kind.scope == "joint"]
-    return [
-        f"{effect.effect} of {effect.joints[0]}: {p.name} changed from {was:.4g} to "
-        f"{was + effect.parameters[p.name]:.4g} {unit_of(effect, p.name, base.robot.prismatic)} since the starting "
-        "model"
+    return {
+        p.name: {"start": was, "now": was + effect.parameters[p.name]}
         for p in kind.parameters
         if old and (was := sum(e.parameters[p.name] for e in old)) != 0
+    }
+
+
+def _change(effect: Effect, in_all: Mapping[str, Mapping[str, float]], slides: Sequence[str]) -> list[str]:
+    """What became of an effect of the starting model, a line a parameter."""
+    return [
+        f"{effect.effect} of {effect.joints[0]}: {name} changed from {ends['start']:.4g} to {ends['now']:.4g} "
+        f"{unit_of(effect, name, slides)} since the starting model"
+        for name, ends in in_all.items()
     ]
 
 

@@ -64,6 +64,7 @@ class NamedEffect:
 
     ``test_change``: relative change of the held-out mean square error that it brings (negative: better) and its
     standard error; ``test_rmse_before`` and ``_after`` (n,) [N m] of the model without it, in the order of finding.
+    ``in_all``: of an effect that the starting model has at the same place, each parameter there and in the result.
     """
 
     effect: Effect
@@ -75,6 +76,7 @@ class NamedEffect:
     why_not: str | None = None
     undetermined_parameters: tuple[str, ...] = ()
     inconsistent_between_runs: tuple[Mapping[str, Any], ...] = ()
+    in_all: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @classmethod
     def from_json(cls, entry: Mapping[str, Any]) -> NamedEffect:
@@ -90,6 +92,7 @@ class NamedEffect:
             entry.get("why_not"),
             tuple(entry.get("undetermined_parameters", ())),
             tuple(entry.get("inconsistent_between_runs", ())),
+            dict(entry.get("in_all", {})),
         )
 
     def to_json(self, slides: Collection[str] = ()) -> dict[str, Any]:
@@ -108,6 +111,8 @@ class NamedEffect:
         for name in ("undetermined_parameters", "inconsistent_between_runs"):
             if getattr(self, name):
                 out[name] = list(getattr(self, name))
+        if self.in_all:
+            out["in_all"] = {name: dict(ends) for name, ends in self.in_all.items()}
         return out
 
 

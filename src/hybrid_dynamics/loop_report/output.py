@@ -28,8 +28,10 @@ def write_result(
     provenance: Mapping[str, Any] | None = None,
     origin: str = "",
     keep_content: bool = False,
-) -> None:
+) -> Diagnosis:
     """Write the three files to ``folder``, each atomically; the diagnosis last, so that its presence means all.
+
+    Returns the diagnosis as it is written.
 
     ``provenance`` is what the page can be made from again, ``origin`` says where the logs come from (``recorded``).
     ``keep_content`` leaves what the page was made from as well, for a page over many loops.
@@ -50,6 +52,7 @@ def write_result(
         write_content(folder / CONTENT_FILE, content)
     write_text(folder / "report.html", page)
     write_diagnosis(folder / "diagnosis.json", diagnosis)
+    return diagnosis
 
 
 def is_result(folder: Path) -> bool:

@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hybrid_dynamics.loop_report.words import capital, confirmed, left_open, title_of, unit_of, value_of, where
+from hybrid_dynamics.loop_report.words import (
+    arrow,
+    capital,
+    confirmed,
+    ends_of,
+    left_open,
+    title_of,
+    unit_of,
+    value_of,
+    where,
+)
 
 Entry = Mapping[str, Any]
 #: An effect with more parameters than this has a table's worth of them; the headline counts its links.
@@ -65,8 +75,9 @@ def single_words(entry: Entry) -> str:
     extra = _open_mass([entry]) + settings_words(entry)
     shown = [p for p in matter(entry) if not _is_open_mass(entry, p)]
     if len(shown) == 1 and not extra:
-        return f"{title_of(entry['effect'])} {_value(shown[0])}{place(entry).removeprefix(title_of(entry['effect']))}"
-    values = [f"{title_of(p['name'])} {_value(p)}" for p in shown] + extra
+        name = title_of(entry["effect"])
+        return f"{name} {_value(entry, shown[0])}{place(entry).removeprefix(name)}"
+    values = [f"{title_of(p['name'])} {_value(entry, p)}" for p in shown] + extra
     return f"{place(entry)} ({', '.join(values)})" if values else place(entry)
 
 
@@ -144,18 +155,28 @@ def _ranges(entries: Sequence[Entry]) -> dict[str, list[Mapping[str, Any]]]:
         for p in matter(entry):
             if _is_open_mass(entry, p):
                 continue
-            out.setdefault(p["name"], []).append(p)
+            out.setdefault(p["name"], []).append({**p, "ends": ends_of(entry, p)})
     return out
 
 
-def _value(p: Mapping[str, Any]) -> str:
-    return f"{p['value']:.3g}{_tail(p['unit'])}"
+def _value(entry: Entry, p: Mapping[str, Any]) -> str:
+    ends, tail = ends_of(entry, p), _tail(p["unit"])
+    if "start" in ends:
+        return f"{arrow(ends, 3)}{tail}"
+    return f"{p['value']:.3g}{tail}" + (f" (URDF: {ends['urdf']:.3g})" if ends else "")
 
 
 def _range(parameters: Sequence[Mapping[str, Any]]) -> str:
-    values = sorted(p["value"] for p in parameters)
-    low, high = f"{values[0]:.3g}", f"{values[-1]:.3g}"
-    return f"{low if low == high else f'{low} to {high}'}{_tail(parameters[0]['unit'])}"
+    own = f"{_span([p['value'] for p in parameters])}{_tail(parameters[0]['unit'])}"
+    if any("start" in p["ends"] for p in parameters):
+        return f"changed by {own}"
+    urdf = [p["ends"]["urdf"] for p in parameters if "urdf" in p["ends"]]
+    return f"{own} (URDF: {_span(urdf)})" if urdf else own
+
+
+def _span(values: Sequence[float]) -> str:
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return low if low == high else f"{low} to {high}"
 
 
 def _tail(unit: str) -> str:

@@ -96,7 +96,8 @@ class Answer(LoopSection):
             "still_open": words.still_open(d),
             "link_left": "#" + self.prefix + LEFT if d["unexplained"] else "",
             "bars": bars(d),
-            "notes": d.get("notes", []),
+            "first": [words.capital(note) for note in words.told_first(d)],
+            "notes": words.other_notes(d),
             "schema_two": "noise_floor_low" in d,
             "mass_caveat": _mass_caveat(d),
         }

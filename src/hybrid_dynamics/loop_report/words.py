@@ -9,6 +9,7 @@ from typing import Any
 from hybrid_dynamics.effects import family
 from hybrid_dynamics.effects.units import unit_at
 from hybrid_dynamics.errors import ConfigError
+from hybrid_dynamics.loop.described import WORSE
 
 Diagnosis = Mapping[str, Any]
 
@@ -30,6 +31,8 @@ _BESIDE = {
 }
 #: Times the upper bound of the floor beyond which a held-out error is more than noise.
 ABOVE_NOISE = 1.25
+#: Words of notes on what the starting model had of an effect; its value tells that too.
+_WITH_VALUES = ("since the starting model", "in all, of which the URDF gives")
 #: Standard errors beyond which a change is more than chance.
 SURE = 2.0
 #: Names that are people's, and short ones that are nobody's.
@@ -143,8 +146,32 @@ def left_open(entry: Mapping[str, Any], p: Mapping[str, Any]) -> bool:
 
 
 def value_of(entry: Mapping[str, Any], p: Mapping[str, Any]) -> str:
-    """The value with its standard error; without one where the runs leave it open."""
-    return with_error(p["value"], None if left_open(entry, p) else p["std_error"], p["unit"])
+    """The value with its standard error, without one where the runs leave it open; what the starting model had."""
+    own = with_error(p["value"], None if left_open(entry, p) else p["std_error"], p["unit"])
+    ends = ends_of(entry, p)
+    if not ends:
+        return own
+    return f"{own} (URDF: {number(ends['urdf'])})" if "urdf" in ends else f"{own} ({arrow(ends)})"
+
+
+def ends_of(entry: Mapping[str, Any], p: Mapping[str, Any]) -> Mapping[str, float]:
+    """The parameter in the starting model (``urdf`` or ``start``) and ``now``; empty where that has none."""
+    return dict((entry.get("in_all") or {}).get(p["name"], {}))
+
+
+def arrow(ends: Mapping[str, float], digits: int = 4) -> str:
+    """From the starting model to now."""
+    return f"{number(ends['start'], digits)} → {number(ends['now'], digits)}"
+
+
+def told_first(d: Diagnosis) -> list[str]:
+    """Notes that a reader needs before the numbers: a description that does harm."""
+    return [note for note in d.get("notes", []) if note.startswith(WORSE)]
+
+
+def other_notes(d: Diagnosis) -> list[str]:
+    """Notes that neither :func:`told_first` nor the effects' values (:func:`value_of`) tell."""
+    return [n for n in d.get("notes", []) if not n.startswith(WORSE) and not any(w in n for w in _WITH_VALUES)]
 
 
 def final_errors(d: Diagnosis, split: str = "test", of: str = "error") -> Mapping[str, Any]:
