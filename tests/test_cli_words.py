@@ -194,7 +194,7 @@ def test_the_same_doubt_on_several_joints_is_one_line():
     value["extrapolation"] = [{"joint": "a", "variable": "dq", "share_outside": 0.25}]
     told = [line for line in details(value) if not line.startswith("cannot be told apart")]  # type: ignore[assignment]
     assert told[0].startswith("cannot be told: a, b: what is left changes slowly")
-    assert told[1].startswith("the test motion leaves the training range: 25% of dq of a;")
+    assert told[1].startswith("the test motion leaves the training range: 25 % of the speed of a;")
     # The diagnosis says it again in its notes; the console once. Its words are those that are looked for.
     value["notes"] = ["a: what is left changes slowly (...)", "another note"]
     assert notes(value) == ["another note"]

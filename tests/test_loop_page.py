@@ -180,7 +180,7 @@ def test_contradicted_names_alarms_and_origin_are_shown_as_such(content):
     assert "panda_joint2: what is left depends on the motion; 60 % of it" in answer
     assert "still depends on the motion" in answer
     assert "cannot be told from slow noise" in answer
-    assert "30 % of dq of panda_joint1" in answer
+    assert "30 % of the speed of panda_joint1" in answer
     assert "✗ contradicted" in page
     assert "+7 ± 1 %" in page
     # What is said of the gain is said of the model that is kept.

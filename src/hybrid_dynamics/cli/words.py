@@ -9,12 +9,15 @@ from hybrid_dynamics.effects.units import with_unit
 from hybrid_dynamics.loop.alternatives import INSTEAD
 from hybrid_dynamics.loop_report.parameter_words import place, settings_words, several_words, single_words
 from hybrid_dynamics.loop_report.words import (
+    VARIABLES,
     VERDICTS,
+    asked,
     confirmed,
     effort_unit,
     final_errors,
     left_open,
     other_notes,
+    share,
     slides,
     state_of,
     title_of,
@@ -45,9 +48,8 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
     if not named:
         return f"something is missing, but nothing known explains it; {error}"
     # Asked of an earlier model, what is found is what has changed since: friction may have become less.
-    asked = (diagnosis.get("provenance") or {}).get("command", {}).get("model")
     described = any("urdf" in ends for e in diagnosis["effects"] for ends in (e.get("in_all") or {}).values())
-    lead = "changed" if asked else "missing or wrong in the URDF" if described else "missing"
+    lead = "changed" if asked(diagnosis) else "missing or wrong in the URDF" if described else "missing"
     return f"{lead}{'' if verdict == 'explained' else ', and not all'}: {named}; {error}"
 
 
@@ -157,7 +159,10 @@ def _outside(diagnosis: Mapping[str, Any]) -> list[str]:
     far = [o for o in diagnosis.get("extrapolation") or [] if o.get("share_outside", 0.0) > 0.05]
     if not far:
         return []
-    shown = ", ".join(f"{o['share_outside']:.0%} of {o['variable']} of {o['joint']}" for o in far[:3])
+    shown = ", ".join(
+        f"{share(o['share_outside'])} of the {VARIABLES.get(o['variable'], o['variable'])} of {o['joint']}"
+        for o in far[:3]
+    )
     more = f" and {len(far) - 3} more" if len(far) > 3 else ""
     return [f"the test motion leaves the training range: {shown}{more}; there the model is not proven by like motions"]
 

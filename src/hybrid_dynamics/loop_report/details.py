@@ -58,7 +58,11 @@ class Evidence(LoopSection):
                     "figures": figures,
                 }
             )
-        return {"groups": shown, "runs": self.content.test_runs}
+        return {
+            "groups": shown,
+            "runs": self.content.test_runs,
+            "in_all": any(e.get("in_all") for e in self.diagnosis["effects"]),
+        }
 
 
 class Torque(LoopSection):
@@ -80,12 +84,12 @@ class Torque(LoopSection):
         return {
             "runs": [
                 {
-                    "run": run,
+                    "run": words.capital(words.run_words(run)),
                     "figures": [
                         book.add(
                             plots.torque_figure(trace, floors[trace.joint], trace.joint in slide),
-                            f"Torque of {trace.joint} along held-out run {run}: measured, model before, model after, "
-                            "and below what is left.",
+                            f"Torque of {trace.joint}, held-out {words.run_words(run)}: measured, model before, model "
+                            "after, and below what is left.",
                             height,
                         )
                         for trace in self.content.traces
@@ -228,7 +232,7 @@ def _title(steps: Sequence[SearchStep]) -> str:
     if step.action == "start":
         return "start again from everything that the runs can carry, to prune it"
     if step.action == "stop":
-        return "stop: nothing more is worth adding"
+        return "stop: none of these is worth adding"
     if step.action == "replace":
         return f"replace {' and '.join(step.replaced)} by {words.placed(step.effect, step.joint)}"
     return f"{step.action} {', '.join(words.placed(own.effect, own.joint) for own in steps)}"
@@ -251,9 +255,11 @@ class Reproduce(LoopSection):
     def values(self, book: FigureBook) -> dict[str, Any]:
         known = dict(self.diagnosis.get("provenance") or {})
         command = known.pop("command", None)
+        settings = known.pop("settings", {})
         return {
             "command": shell_line(command) if isinstance(command, Mapping) else command,
             "rows": list(_flat(known)),
+            "settings": list(_flat(settings)),
             "train": self.content.train_runs,
             "test": self.content.test_runs,
             "origin": self.content.provenance,
@@ -271,7 +277,8 @@ def shell_line(command: Mapping[str, Any]) -> str:
         if key == "command" or value is False or given in ([None], []):
             continue
         parts += [f"--{key.replace('_', '-')}", *(shlex.quote(str(item)) for item in given if item is not True)]
-    return " ".join(parts)
+    # Where the results went is not on record: the same inputs give the same bytes anywhere.
+    return " ".join([*parts, "--out out"])
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
@@ -290,7 +297,7 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
                         )
                     ]
             else:
-                out.append((name, ", ".join(map(str, value))))
+                out.append((name, ", ".join(map(str, value)) or "as they are by default"))
         else:
             out.append((name, str(value)))
     return out

@@ -15,6 +15,7 @@ import numpy as np
 from hybrid_dynamics.effects.units import on_a_slide
 from hybrid_dynamics.loop_report.bokeh_json import Drawing, blank, plain
 from hybrid_dynamics.loop_report.content import AXES, Curve, Trace
+from hybrid_dynamics.loop_report.words import run_words
 from hybrid_dynamics.types import Array
 
 BEFORE, AFTER, BAND = "#d55e00", "#0072b2", "#56b4e9"
@@ -136,7 +137,7 @@ def curve_figure(curve: Curve, runs: tuple[str, ...], title: str, slides: bool =
         "low": low - noise,
         "high": high + noise,
     }
-    owner, labels = np.array(curve.run), tuple(f"run {run}" for run in runs)
+    owner, labels = np.array(curve.run), tuple(run_words(run) for run in runs)
     if len(runs) > MOST_RUNS:
         owner, labels, runs = np.zeros_like(owner), (f"{len(runs)} held-out runs",), ("any",)
     for k in range(len(runs)):
@@ -216,7 +217,7 @@ def torque_figure(trace: Trace, noise: float, slides: bool = False) -> Drawing:
     return Drawing(
         "torque",
         {
-            "title": f"{trace.joint}, run {trace.run}",
+            "title": f"{trace.joint}, {run_words(trace.run)}",
             "effort": _effort(slides),
             "rest": f"left [{'N' if slides else 'N m'}]",
             "time": time,

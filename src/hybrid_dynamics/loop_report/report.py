@@ -5,6 +5,7 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from hybrid_dynamics.loop.close import LoopResult
+from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import Content
 from hybrid_dynamics.loop_report.details import LOOP_PAGE
@@ -22,7 +23,7 @@ def report_html(result: LoopResult) -> str:
 def content_html(content: Content) -> str:
     """The page made from ``content``."""
     book = FigureBook()
-    title = f"What the model of {content.diagnosis['robot']} lacks"
+    title = words.title(content.diagnosis)
     sections = [section for kind in LOOP_PAGE if (section := kind(content)).wanted]
     headings = [Heading(2, section.heading, section.anchor) for section in sections]
     parts = [Markup("<h1>{}</h1>\n").format(title)]

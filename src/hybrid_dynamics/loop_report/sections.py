@@ -5,6 +5,7 @@ The study's page shows some of the same sections under a prefix of their own, so
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -89,18 +90,24 @@ class Answer(LoopSection):
         return {
             "verdict": d["verdict"],
             "headline": words.VERDICTS[d["verdict"]],
-            "missing": missing(d, _sizes(self.content)),
+            "what": "What has changed" if words.asked(d) else "What is missing",
+            "missing": [_unbroken(line) for line in missing(d, _sizes(self.content))],
             "link": "#" + self.prefix + Effects.name if d["effects"] else "",
             "gains": words.gains(d),
             "certainty": words.certainty(d),
-            "still_open": words.still_open(d),
+            "still_open": [_unbroken(line) for line in words.still_open(d)],
             "link_left": "#" + self.prefix + LEFT if d["unexplained"] else "",
             "bars": bars(d),
-            "first": [words.capital(note) for note in words.told_first(d)],
+            "first": [_unbroken(words.capital(note)) for note in words.told_first(d)],
             "notes": words.other_notes(d),
             "schema_two": "noise_floor_low" in d,
             "mass_caveat": _mass_caveat(d),
         }
+
+
+def _unbroken(text: str) -> str:
+    """``text`` whose lines break neither within a unit nor before one, nor beside the sign of an error."""
+    return re.sub(r"(?<=[\d±]) (?=[\d±%]|N m|kg|rad|m\b)|(?<=N) (?=m)|(?<=kg) (?=m)", "\u00a0", text)
 
 
 def _sizes(content: Content) -> dict[str, float]:
@@ -238,8 +245,10 @@ def _change(entry: Mapping[str, Any]) -> str:
     if change is None:
         return ""
     value, error = (change["value"], change["std_error"]) if isinstance(change, Mapping) else (change, None)
-    spread = "" if error is None else f" ± {100 * error:.2g}"
-    return f"{100 * value:+.3g}{spread} %"
+    if not error:
+        return f"{100 * value:+.3g} %"
+    decimals = min(max(0, -int(f"{100 * error:e}".split("e")[1])), 6)
+    return f"{100 * value:+.{decimals}f} ± {100 * error:.{decimals}f} %"
 
 
 def _alike(other: Mapping[str, Any]) -> dict[str, str]:

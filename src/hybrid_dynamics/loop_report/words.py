@@ -35,6 +35,8 @@ ABOVE_NOISE = 1.25
 _WITH_VALUES = ("since the starting model", "in all, of which the URDF gives")
 #: Standard errors beyond which a change is more than chance.
 SURE = 2.0
+#: What the motion consists of.
+VARIABLES = {"q": "position", "dq": "speed", "ddq": "acceleration"}
 #: Names that are people's, and short ones that are nobody's.
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "com": "centre of mass"}
 #: Parameters in proportion to which the drive gains enter: a mass is known no better than the torque is calibrated.
@@ -164,6 +166,22 @@ def arrow(ends: Mapping[str, float], digits: int = 4) -> str:
     return f"{number(ends['start'], digits)} → {number(ends['now'], digits)}"
 
 
+def asked(d: Diagnosis) -> bool:
+    """Whether an earlier model was asked what has changed since."""
+    command = (d.get("provenance") or {}).get("command")
+    return isinstance(command, Mapping) and bool(command.get("model"))
+
+
+def title(d: Diagnosis) -> str:
+    """What the page of one loop is called."""
+    return f"What has changed on {d['robot']}" if asked(d) else f"What the model of {d['robot']} lacks"
+
+
+def run_words(run: str) -> str:
+    """``run 3``; a name that says so itself, as it is."""
+    return run if run.lower().startswith("run") else f"run {run}"
+
+
 def told_first(d: Diagnosis) -> list[str]:
     """Notes that a reader needs before the numbers: a description that does harm."""
     return [note for note in d.get("notes", []) if note.startswith(WORSE)]
@@ -228,10 +246,10 @@ def certainty(d: Diagnosis) -> list[str]:
     far = [o for o in outside if isinstance(o, Mapping) and o.get("share_outside", 0) > 0.05]
     if far:
         worst = far[0]
-        out.append(
-            f"The test motion leaves the training range: {share(worst['share_outside'])} of {worst['variable']} of "
-            f"{worst['joint']}" + (f", and {len(far) - 1} more." if len(far) > 1 else ".")
-        )
+        variable = VARIABLES.get(worst["variable"], worst["variable"])
+        more = f", and {len(far) - 1} more" if len(far) > 1 else ""
+        where_to = f"{share(worst['share_outside'])} of the {variable} of {worst['joint']}"
+        out.append(f"The test motion leaves the training range: {where_to}{more}.")
     if not out:
         out.append("No name was needed." if not effects else "Every name was chosen on runs held out of its own fit.")
     return out
