@@ -63,7 +63,7 @@ def test_console_and_file_head_say_what_is_in_it_and_what_is_not(form, path, rob
     head = out if form != "casadi" else tmp_path / "arm.casadi.txt"
     text = head.read_text()
     assert "viscous_coefficient 0.4 +- 0.01 N m s/rad" in text
-    lost = f"stribeck_friction ({robot.joint_names[1]}): only in part, without the rise of friction towards standstill"
+    lost = f"stribeck_friction ({robot.joint_names[1]}) in full: without the rise of friction towards standstill"
     assert (lost in noted) == (form in ("urdf", "mjcf")) == (lost in text)
     assert ("carries all of them" in text) == (form not in ("urdf", "mjcf"))
 
@@ -89,6 +89,19 @@ def test_effects_that_runs_contradict_are_left_out_and_that_is_said(model, robot
     assert "Left out, because held-out runs contradict them:" in out.read_text()
     still = np.zeros(robot.n_joints)
     assert imported(out).residual(still, still, still, still) == pytest.approx(still, abs=1e-12)
+
+
+def test_what_was_there_and_what_changed_since_is_told_as_one(model, robot, tmp_path, capsys):
+    third = robot.joint_names[2]
+    offset = Effect("torque_offset", (third,), {"offset": 2.0}, std_errors={"offset": 0.5})
+    less = Effect("torque_offset", (third,), {"offset": -1.5}, std_errors={"offset": 0.25})
+    path = saved(Model(robot, (*model.effects, offset, less)), tmp_path)
+    out = tmp_path / "arm.urdf"
+    code, _, noted = run(capsys, *arguments(path, "urdf", out))
+    assert code == 0
+    assert noted.count(f"urdf cannot carry torque_offset ({third})") == 1
+    assert f"torque_offset ({third}): offset 0.5 +- 0.25 N m" in out.read_text()
+    assert "-1.5" not in out.read_text().split("<robot")[0]
 
 
 def test_strict_is_content_where_all_is_carried(path, tmp_path, capsys):

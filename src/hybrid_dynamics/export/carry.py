@@ -58,7 +58,7 @@ class Carried:
         if not self.lost:
             return ""
         what = "; ".join(WORDS[term] for term in self.lost)
-        return f"{self.where}: {'only in part, without the ' if self.kept else ''}{what}"
+        return f"{self.where}{' in full: without the ' if self.kept else ': '}{what}"
 
 
 def carried(form: str, effects: tuple[Effect, ...], robot: Robot) -> list[Carried]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.effects.together import together
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.export.carry import OF_THE_RECORDING, carried
 from hybrid_dynamics.export.terms import Terms, terms
@@ -57,6 +58,11 @@ class Source:
         """Effects that ``model.json`` keeps on record without letting them act: they are not exported."""
         return self.model.inactive
 
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """What acts, for people: what was there before and what changed since as one."""
+        return tuple(together(self.model.effects, self.robot))
+
     @cached_property
     def kept(self) -> Model:
         """The model without what belongs to the recording rather than to the robot, which no format carries."""
@@ -81,7 +87,7 @@ class Source:
 
     def losses(self, form: str) -> list[str]:
         """One line for every effect that format ``form`` cannot carry, or only in part."""
-        return [c.loss for c in carried(form, self.model.effects, self.robot) if c.loss]
+        return [c.loss for c in carried(form, self.effects, self.robot) if c.loss]
 
     def head(self, form: str) -> list[str]:
         """Lines for the head of the exported file: where it comes from, what is in it, what is not."""
@@ -91,7 +97,7 @@ class Source:
         ]
         if self.lock:
             lines.append(f"Joints held at zero: {', '.join(self.lock)}.")
-        held = [f"  {name(effect)}: {values(effect, self.model.robot.prismatic)}" for effect in self.model.effects]
+        held = [f"  {name(effect)}: {values(effect, self.robot.prismatic)}" for effect in self.effects]
         lines += ["Effects of the completed model:", *(held or ["  none"])]
         losses = self.losses(form)
         if losses:

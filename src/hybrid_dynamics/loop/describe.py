@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects.together import added_up
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
@@ -168,11 +169,10 @@ def _in_all(base: Model, effect: Effect) -> dict[str, dict[str, float]]:
     term = effect.term(base.robot)
     kind = term.family()
     old = [e for e in base.effects if e.term(base.robot).as_finding == term and kind.scope == "joint"]
-    return {
-        p.name: {"start": was, "now": was + effect.parameters[p.name]}
-        for p in kind.parameters
-        if old and (was := sum(e.parameters[p.name] for e in old)) != 0
-    }
+    if not old:
+        return {}
+    start, now = added_up(old, base.robot).parameters, added_up([*old, effect], base.robot).parameters
+    return {name: {"start": was, "now": now[name]} for name, was in start.items() if was not in (0, now[name])}
 
 
 def _change(effect: Effect, in_all: Mapping[str, Mapping[str, float]], slides: Sequence[str]) -> list[str]:

@@ -148,27 +148,25 @@ def predict(
 def contributions(model: Model, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> dict[str, Array]:
     """What the rigid body and then each effect adds (T, n) [N m]; the sum is ``model.predict``.
 
-    An effect's share is the change of the prediction when it joins those before it.
+    An effect's share is the change of the prediction when it joins those before it. One kind of effect is one share,
+    on however many joints it acts, and however often it was identified there.
     """
     out: dict[str, Array] = {}
     before = np.zeros_like(np.asarray(q, float))
     for k, name in enumerate(_names(model)):
         after = Model(model.robot, model.effects[:k]).predict(q, dq, ddq, time)
-        out[name] = after - before
+        out[name] = out.get(name, 0.0) + after - before
         before = after
     return out
 
 
 def _names(model: Model) -> list[str]:
-    """``rigid_body``, then every effect; a place that is named twice is counted."""
-    out = [RIGID_BODY]
-    seen: dict[str, int] = {}
-    for effect in model.effects:
-        # A joint effect acts on its joint alone; a link changes others too and needs its name.
-        name = effect.effect if family(effect.effect).scope != "link" else f"{effect.effect}({effect.joints[0]})"
-        seen[name] = seen.get(name, 0) + 1
-        out.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
-    return out
+    """``rigid_body``, then the name that every effect adds to."""
+    # A joint effect acts on its joint alone, perhaps for the second time; a link changes others too and needs its name.
+    return [
+        RIGID_BODY,
+        *(e.effect if family(e.effect).scope != "link" else f"{e.effect}({e.joints[0]})" for e in model.effects),
+    ]
 
 
 def whole_states(piece: Trajectory, settings: ProcessSettings) -> tuple[Array, Array, Array]:
