@@ -192,6 +192,9 @@ CASES: list[Case] = [
     Case(
         "the prediction over its own log", (*PREDICT[:3], "--model", "model.json", "--data", "a.csv", "--out", "a.csv")
     ),
+    Case(
+        "the prediction over another log", (*PREDICT[:3], "--model", "model.json", "--data", "a.csv", "--out", "b.csv")
+    ),
     Case("a prediction into an unknown format", (*PREDICT[:-1], "tau.xlsx"), model(lambda m: m)),
     Case("a joint to lock that does not exist", (*CHECK[:3], "--lock", "wirst", "--data", "a.csv")),
     Case("all joints locked", (*CHECK[:3], "--lock", "shoulder", "elbow", "--data", "a.csv")),
@@ -398,7 +401,7 @@ CASES: list[Case] = [
         PREDICT,
         lambda f: (f / "bad.json").write_text((f / "model.json").read_text().replace("{", '{"schema": 1,', 1)),
     ),
-    Case("a model of another schema", PREDICT, model(lambda m: m | {"schema": 99})),
+    Case("a model of a newer schema", PREDICT, model(lambda m: m | {"schema": 99, "colour": "red"})),
     Case("a model without effects", PREDICT, model(lambda m: {k: v for k, v in m.items() if k != "effects"})),
     Case("a model with an unknown key", PREDICT, model(lambda m: m | {"colour": "red"})),
     Case("an unknown effect", PREDICT, model(lambda m: entry(m).update(effect="magic"))),
@@ -409,6 +412,7 @@ CASES: list[Case] = [
     Case("a text for a value", PREDICT, model(lambda m: parameter(m).update(value="3"))),
     Case("true for a value", PREDICT, model(lambda m: parameter(m).update(value=True))),
     Case("null for a value", PREDICT, model(lambda m: parameter(m).update(value=None))),
+    Case("a number that no robot has", PREDICT, model(lambda m: parameter(m).update(value=1e300))),
     Case("friction that drives", PREDICT, model(lambda m: parameter(m).update(value=-3.0))),
     Case("joints in another order", PREDICT, model(lambda m: m.update(joints=["elbow", "shoulder"]))),
     Case(

@@ -87,6 +87,18 @@ def test_predict_needs_no_torque(here):
     assert np.std(full["tau2"] - measured) < 0.1 * np.std(measured)
 
 
+@pytest.mark.parametrize("name", ["tau.csv", "tau.parquet"])
+def test_predict_replaces_its_own_file_and_no_log(here, name):
+    assert run(*PREDICT, name) == 0
+    assert run(*PREDICT, name) == 0
+    log = Path(here / "run.parquet").read_bytes()
+    other = here / f"other_{name}"
+    other.write_bytes(log)
+    assert run(*PREDICT, other.name) == 2
+    assert other.read_bytes() == log
+    assert run(*PREDICT, other.name, "--force") == 0
+
+
 def test_predict_reads_logs_in_another_form(here):
     """Columns by name in degrees, motor side with its sign turned: the same prediction as for the plain log."""
     log = pd.read_parquet("run.parquet")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,11 +49,21 @@ def check_folder(path: str | os.PathLike[str]) -> None:
     folder = Path(path)
     for place in (folder, *folder.parents):
         if place.is_dir():
-            if not os.access(place, os.W_OK | os.X_OK):
+            if not os.access(place, os.W_OK | os.X_OK) or not _takes_files(place):
                 raise InputError(f"{place}: not writable; give another folder for the output")
             return
         if place.exists() or place.is_symlink():
             raise InputError(f"{place}: is a file; give a folder for the results")
+
+
+def _takes_files(folder: Path) -> bool:
+    """Whether a file can be made in ``folder``: permissions alone do not tell (another user's server, ``/proc``)."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError as error:
+        # A full disk, say, is no reason to look for another folder.
+        return error.errno not in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

@@ -44,6 +44,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--effects", action="store_true", help="a column for the rigid body and for each effect too; they add up to tau"
     )
+    parser.add_argument("--force", action="store_true", help="replace the file also where it is no earlier prediction")
     parser.add_argument(
         "--band",
         action="store_true",
@@ -66,6 +67,10 @@ def run(args: argparse.Namespace) -> int:
     if args.out.suffix.lower() not in SUFFIXES:
         raise InputError(f"{args.out}: expected a file name that ends in .parquet or .csv")
     check_target(args.out, [args.data, args.model, args.robot])
+    if args.out.exists() and not args.force and not _is_prediction(args.out):
+        raise InputError(
+            f"{args.out}: exists and is no earlier prediction; give another name, or --force to replace it"
+        )
     robot = Robot.from_urdf(args.robot, tuple(args.lock))
     model = load_model(args.model, robot)
     uncertainty = None
@@ -106,6 +111,22 @@ def run(args: argparse.Namespace) -> int:
         summary["error"] = _tell_error(console, prediction, robot)
     console.result(summary)
     return 0
+
+
+def _is_prediction(path: Path) -> bool:
+    """Whether ``path`` holds what this command writes (a log has positions too): asked again, it is replaced."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        if path.suffix.lower() == ".csv":
+            with path.open("rb") as stream:
+                names = stream.readline(1_000_000).decode("utf-8").strip().split(",")
+        else:
+            names = pq.read_schema(path).names
+    except (OSError, UnicodeDecodeError, pa.ArrowException):
+        return False
+    return names[:2] == ["time", "tau1"] and not any(name.startswith("q") for name in names)
 
 
 def _tell_error(console: Console, prediction: Prediction, robot: Robot) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import write_json
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.model import Model, check_schema, effect_from_json, effect_to_json
+from hybrid_dynamics.loop.model import Model, check_schema, effect_from_json, effect_to_json, refuse_newer
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.metrics import torque_errors
 from hybrid_dynamics.types import Array
@@ -283,7 +283,9 @@ def write_diagnosis(path: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
 def read_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
     """Read ``diagnosis.json`` of schema 1 or 2; :class:`InputError` says what does not fit."""
     try:
-        return Diagnosis.from_json(json.loads(Path(path).read_text(encoding="utf-8")))
+        value = json.loads(Path(path).read_text(encoding="utf-8"))
+        refuse_newer(value, path)
+        return Diagnosis.from_json(value)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({error}); give the diagnosis.json that close-loop wrote") from None
     except jsonschema.ValidationError as error:

@@ -183,6 +183,10 @@ def effect_to_json(effect: Effect, slides: Collection[str] = ()) -> dict[str, An
     }
 
 
+#: The schema of model.json and diagnosis.json that is written; older ones are read.
+SCHEMA = 2
+#: No number of a robot, in SI units, is as large.
+LARGEST = 1e9
 #: Names in files that version 0.1 wrote.
 _OLD_SETTINGS = {"sign_travel": "sign_displacement"}
 
@@ -243,6 +247,7 @@ def save_model(path: str | os.PathLike[str], model: Model, record: Mapping[str, 
 def read_model(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The content of ``model.json``, checked against its schema; :class:`InputError` says what is wrong with it."""
     value = read_json(path, "the model.json that close-loop wrote")
+    refuse_newer(value, path)
     try:
         check_schema(value, "model")
     except jsonschema.ValidationError as error:
@@ -250,6 +255,16 @@ def read_model(path: str | os.PathLike[str]) -> dict[str, Any]:
         message = error.message if len(error.message) <= 200 else f"{error.message[:197]}..."
         raise InputError(f"{path}: {where}: {message}; give the model.json that close-loop wrote") from None
     return dict(value)
+
+
+def refuse_newer(value: Any, path: str | os.PathLike[str]) -> None:
+    """Raise :class:`InputError` where the file ``path`` holds a ``value`` of a schema that came after this version."""
+    schema = value.get("schema") if isinstance(value, dict) else None
+    if isinstance(schema, int) and not isinstance(schema, bool) and schema > SCHEMA:
+        raise InputError(
+            f"{path}: has schema {schema}, written by a newer version; this one reads up to {SCHEMA}: update "
+            "hybrid-dynamics, or run close-loop again"
+        )
 
 
 def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
@@ -264,7 +279,8 @@ def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
     value = read_model(path)
     if tuple(value["joints"]) != robot.joint_names:
         raise InputError(
-            f"{path}: made for joints {', '.join(value['joints'])}; the robot has {', '.join(robot.joint_names)}"
+            f"{path}: made for joints {', '.join(value['joints'])}; the robot has {', '.join(robot.joint_names)}; "
+            "give the URDF the model was made with (--lock as then), or run close-loop for this robot"
         )
     check_identity(value, robot, path)
     try:
@@ -288,6 +304,13 @@ def _check_physics(model: Model) -> None:
 
     A later effect may lessen an earlier one at the same place: their sum counts.
     """
+    for effect in (*model.effects, *model.inactive):
+        for key, value in effect.parameters.items():
+            if abs(value) > LARGEST:
+                where = effect.joints[0] if effect.joints else "the robot"
+                raise InputError(
+                    f"effect {effect.effect} of {where}: {key} = {value:g}; expected less than {LARGEST:g}"
+                )
     sums: dict[Term, Array] = {}
     for term, own in model._places():
         sums[term] = sums.get(term, np.zeros(len(own))) + own
