@@ -37,9 +37,9 @@ def main() -> None:
         logs = [part for run in runs for part in log(run, question)]
         with progress_bar(f"{files.dataset}: {question}") as progress:
             result = close_loop(robot, logs, [], settings, start, progress)
-        write_result(
-            files.questions / question, result, origin=RECORDED if recorded else SIMULATED_TWIN, keep_content=True
-        )
+        asked = {"command": {"stage": f"ask@{files.dataset}", "model": "models/loop/model.json"}}
+        origin = RECORDED if recorded else SIMULATED_TWIN
+        write_result(files.questions / question, result, asked, origin, keep_content=True)
         named = ", ".join(e.effect.effect for e in result.diagnosis.effects) or "nothing"
         print(f"{files.dataset}: {question}: {result.diagnosis.verdict}; named: {named}")
 

@@ -29,7 +29,9 @@ PROBE = """<script>
     const ids = [...document.querySelectorAll("[id]")].map((e) => e.id);
     const wide = [...document.querySelectorAll("main *")].filter((e) => {
       const box = e.getBoundingClientRect();
-      return box.width > 0 && box.left >= 0 && box.right > innerWidth + 1 && !e.closest(".scroll, svg, math");
+      // What stands in a table may scroll with it; what the table is called may not.
+      const scrolls = e.closest(".scroll, svg, math") && !e.matches("caption > span");
+      return box.width > 0 && box.left >= 0 && box.right > innerWidth + 1 && !scrolls;
     }).map((e) => e.tagName + "." + e.className + ": " + e.textContent.trim().slice(0, 40));
     const anchors = new Set(ids);
     return {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
+import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from hybrid_dynamics.robots import Robot, find_description
 
 FINGER = find_description("finger_edu_description/robots/finger_edu.urdf")
 STRICT_C = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
+CLANG = shutil.which("clang")
 
 
 def drawn(robot: Robot, name: str, seed: int = 0, std_errors: bool = False) -> Effect:
@@ -64,7 +66,12 @@ def _pointer(array: np.ndarray) -> object:
 
 
 def compiled(source: Path, n: int, states: int, *flags: str) -> CLibrary:
-    """Compile ``source`` without a warning and load it."""
+    """Compile ``source`` without a warning, by clang too where there is one, and load it."""
+    if CLANG is not None:
+        done = subprocess.run(
+            [CLANG, *STRICT_C, "-fsyntax-only", str(source)], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
     library = source.with_suffix(".so")
     command = ["gcc", *STRICT_C, *flags, "-shared", "-fPIC", "-o", str(library), str(source), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

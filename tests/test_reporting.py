@@ -337,7 +337,7 @@ def test_a_loop_is_shown_by_its_own_sections_and_a_question_without_its_curves(t
     assert [section.name for section in sections] == ["loop", "question-tool"]
     study = StudyInputs(tmp_path / "data", ("panda",), sections=sections)
     page = write_report(study, tmp_path / "reports").read_text("utf-8")
-    shown = re.sub(r"(?s)<(script|style).*?</\1>", "", page)
+    shown = re.sub(r"(?s)<(script|style).*?</\1>", "", page).replace("\u00a0", " ")
     assert shown.count("31 % to 2.2 % of the torque") == 2
     assert shown.count("Payload: mass 2.810 ± 0.031 kg") == 2
     assert shown.count('class="plot"') == 1

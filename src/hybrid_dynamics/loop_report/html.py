@@ -67,7 +67,7 @@ def table(
         f"<th{_class(own if own in ('text', 'picture') else '')}>{name}</th>"
         for own, name in zip(kinds, heads, strict=True)
     )
-    title = f"<caption>{caption}</caption>" if caption else ""
+    title = f"<caption><span>{caption}</span></caption>" if caption else ""
     return (
         f'<div class="scroll" tabindex="0"><table{_class(kind)}>{title}<thead><tr>{head}</tr></thead>'
         f"<tbody>\n{chr(10).join(lines)}\n</tbody></table></div>"
@@ -83,8 +83,8 @@ def figure(content: bytes, caption: str, alt: str, kind: str = "png", css: str =
     mime = "image/svg+xml" if kind == "svg" else f"image/{kind}"
     data = base64.b64encode(content).decode("ascii")
     return (
-        f"<figure{_class(css)}><img alt={_quoted(alt)} src='data:{mime};base64,{data}'>"
-        f"<figcaption>{caption}</figcaption></figure>"
+        f'<figure{_class(css)}><div class="scroll" tabindex="0"><img alt={_quoted(alt)} '
+        f"src='data:{mime};base64,{data}'></div><figcaption>{caption}</figcaption></figure>"
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from hybrid_dynamics.loop_report.html import Cell, details, escape, table
+from hybrid_dynamics.loop_report.words import title_of
 from hybrid_dynamics.study.intervals import clopper_pearson, counted
 from hybrid_dynamics.study.report.park import added_section, park_section
 from hybrid_dynamics.study.report.pieces import frame_table
@@ -88,7 +89,7 @@ def _shares(cases: pd.DataFrame) -> str:
             [
                 Cell(escape(str(robot)), "text"),
                 str(planted) if planted else "nothing",
-                counted(int(own["right"].sum()), len(own)),
+                Cell(counted(int(own["right"].sum()), len(own)), "wrap"),
                 f"{100 * errors.median():.2g} %" if len(errors) else "–",
                 f"{100 * errors.quantile(0.9):.2g} %" if len(errors) else "–",
                 f"{own['after'].median():.3f}",
@@ -138,10 +139,13 @@ def _confusion(cases: pd.DataFrame) -> str:
             Cell(str(counts.loc[name, head]) if counts.loc[name, head] else "·", "best" if head == name else "")
             for head in heads
         ]
-        rows.append([Cell(escape(str(name)), "text"), str(total[name]), *cells])
+        rows.append([Cell(escape(title_of(str(name))), "text"), str(total[name]), *cells])
     caption = "Planted (rows) and named (columns); a case that got two names counts in two columns"
     return table(
-        ["Planted", "cases", *(f"<span>{escape(str(h))}</span>" for h in heads)], rows, caption, kind="confusion"
+        ["Planted", "cases", *(f"<span>{escape(title_of(str(h)))}</span>" for h in heads)],
+        rows,
+        caption,
+        kind="confusion",
     )
 
 

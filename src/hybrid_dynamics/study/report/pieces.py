@@ -112,7 +112,7 @@ def best_beside_rigid_body(result: DatasetResults) -> str:
             ]
         )
     caption = f"<b>{escape(result.title)}</b>: relative RMSE on the held-out runs, before and after"
-    return table(["Joint", "Rigid body alone", "Best model", "which", "Improvement"], rows, caption)
+    return table(["Joint", "Rigid body alone", "Best model", "which", "Better by"], rows, caption)
 
 
 def _times(before: float, after: float) -> str:
