@@ -90,4 +90,6 @@ def test_a_placeholder_is_told_first_and_values_are_totals(logs, tmp_path):
     assert told_first(found) == found["notes"][:1]
     assert not [n for n in notes(found) if "in all, of which" in n or n in told_first(found)]
     page = (tmp_path / "out" / "report.html").read_text()
-    assert page.index("The URDF&#39;s &lt;dynamics&gt; makes") < page.index("What is missing, where")
+    assert page.index("The URDF&#39;s &lt;dynamics&gt; makes") < page.index(
+        "What is missing, or wrong in the URDF, where"
+    )

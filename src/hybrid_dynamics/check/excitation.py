@@ -89,7 +89,9 @@ def _condition(robot: Robot, parts: Sequence[Stretch]) -> list[Finding]:
     vague = [kept[k] for k in np.argsort(-errors / np.maximum(np.abs(x), 1e-12)) if errors[k] > np.abs(x[k])]
     severity: Severity = "warning" if condition > POOR or unseen else "note"
     text = f"condition number of the {len(kept)} base and friction parameters is {condition:.3g}"
-    if condition > POOR:
+    if condition <= POOR:
+        text += " (below 100 is good)"
+    else:
         text += f" (weakest: {', '.join(kept[k] for k in weakest)}): " + (
             "some cannot be told apart at all" if condition > HOPELESS else "some can hardly be told apart"
         )

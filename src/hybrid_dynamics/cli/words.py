@@ -13,6 +13,7 @@ from hybrid_dynamics.loop_report.words import (
     VERDICTS,
     asked,
     confirmed,
+    described,
     effort_unit,
     final_errors,
     left_open,
@@ -48,8 +49,7 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
     if not named:
         return f"something is missing, but nothing known explains it; {error}"
     # Asked of an earlier model, what is found is what has changed since: friction may have become less.
-    described = any("urdf" in ends for e in diagnosis["effects"] for ends in (e.get("in_all") or {}).values())
-    lead = "changed" if asked(diagnosis) else "missing or wrong in the URDF" if described else "missing"
+    lead = "changed" if asked(diagnosis) else "missing or wrong in the URDF" if described(diagnosis) else "missing"
     return f"{lead}{'' if verdict == 'explained' else ', and not all'}: {named}; {error}"
 
 
@@ -173,9 +173,12 @@ def notes(diagnosis: Mapping[str, Any]) -> list[str]:
 
 
 def parameter_lines(diagnosis: Mapping[str, Any]) -> list[str]:
-    """Every effect with its parameters, standard errors and settings."""
+    """Every effect with its parameters, standard errors and settings; joint by joint, then the whole robot."""
     out = []
-    for entry in diagnosis["effects"]:
+    order = {name: j for j, name in enumerate(diagnosis["joints"])}
+    last = len(order)
+    entries = sorted(diagnosis["effects"], key=lambda e: order.get(e["joints"][0], last) if e["joints"] else last)
+    for entry in entries:
         bodies: dict[str | None, list[str]] = {}
         for p in entry["parameters"]:
             words = f"{title_of(p['name'])} {value_of(entry, p)}{' (left open)' if left_open(entry, p) else ''}"

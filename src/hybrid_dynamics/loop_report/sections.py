@@ -90,7 +90,7 @@ class Answer(LoopSection):
         return {
             "verdict": d["verdict"],
             "headline": words.VERDICTS[d["verdict"]],
-            "what": "What has changed" if words.asked(d) else "What is missing",
+            "what": words.what(d),
             "missing": [_unbroken(line) for line in missing(d, _sizes(self.content))],
             "link": "#" + self.prefix + Effects.name if d["effects"] else "",
             "gains": words.gains(d),

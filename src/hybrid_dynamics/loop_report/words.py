@@ -172,6 +172,18 @@ def asked(d: Diagnosis) -> bool:
     return isinstance(command, Mapping) and bool(command.get("model"))
 
 
+def described(d: Diagnosis) -> bool:
+    """Whether what was found corrects what the URDF gives."""
+    return any("urdf" in ends for e in d["effects"] for ends in (e.get("in_all") or {}).values())
+
+
+def what(d: Diagnosis) -> str:
+    """What the effects are the answer to."""
+    if asked(d):
+        return "What has changed"
+    return "What is missing, or wrong in the URDF" if described(d) else "What is missing"
+
+
 def title(d: Diagnosis) -> str:
     """What the page of one loop is called."""
     return f"What has changed on {d['robot']}" if asked(d) else f"What the model of {d['robot']} lacks"
