@@ -9,7 +9,6 @@ import pytest
 from hybrid_dynamics.effects import Effect, Term, with_effects
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.alternatives import indistinguishable
-from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -163,7 +162,7 @@ def test_one_cause_that_does_as_well_as_several_names_together_is_listed_with_ea
     settings = LoopSettings()
     judge, candidates, _ = gather(Model(arm), read_motion(arm, runs[:3], runs[3:], settings), settings)
     offsets = [t for t in candidates if t.effect == "torque_offset"]
-    refit(judge.evidence, offsets)
+    judge = judge.at(offsets)
     for others in indistinguishable(judge, offsets, candidates).values():
         tilt = [o["why"] for o in others if {e["effect"] for e in o["effects"]} == {"gravity_tilt"}]
         assert bool(tilt) is alike
@@ -202,7 +201,7 @@ def test_one_gain_of_all_joints_is_listed_where_all_links_and_one_joint_are_name
     settings = LoopSettings()
     judge, candidates, _ = gather(Model(arm), read_motion(arm, runs[:3], runs[3:], settings), settings)
     terms = [next(t for t in candidates if t.effect == "inertial_parameters"), Term("torque_offset", 1)]
-    refit(judge.evidence, terms)
+    judge = judge.at(terms)
     for others in indistinguishable(judge, terms, candidates).values():
         told = [o["why"] for o in others if o["effects"] == [{"effect": "torque_gain", "joints": []}]]
         # Control: an offset is no multiple of the torque, whatever stands for the links.

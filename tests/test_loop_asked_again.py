@@ -29,12 +29,12 @@ def named(monkeypatch: pytest.MonkeyPatch, sure: Sequence[Term], goes: Sequence[
     settings = LoopSettings()
     train, test = excitations(ROBOT, [DRY], train=2, test=1, duration=8.0, rate=250.0)
     judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, train, test, settings), settings)
-    judge.evidence.add_terms(sure)
+    judge = judge.adding(sure)
 
-    def dropping(judge: Judge, current: Sequence[Term], sure: bool = False) -> list[Term]:
+    def dropping(judge: Judge, current: Sequence[Term], sure: bool = False) -> tuple[Judge, list[Term]]:
         return without_noise(judge, [t for t in current if t not in goes], sure)
 
-    monkeypatch.setattr(find_module, "_surely", lambda *given: (list(sure), set(), []))
+    monkeypatch.setattr(find_module, "_surely", lambda judge, *given: (judge, list(sure), set(), []))
     monkeypatch.setattr(find_module, "without_noise", dropping)
     found = find_module.find(judge, terms, lambda step: None)
     return [(t.effect, t.joint) for t in found.terms]
@@ -49,7 +49,7 @@ def test_what_stays_is_not_asked_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     assert named(monkeypatch, [RICH], []) == [("stribeck_friction", 1)]
     asked: list[int] = []
 
-    def counted(judge: Judge, *given: Any) -> list[Term]:
+    def counted(judge: Judge, *given: Any) -> tuple[Judge, list[Term]]:
         asked.append(1)
         return complete(judge, *given)
 

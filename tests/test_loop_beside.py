@@ -50,7 +50,8 @@ def judged(effects: list[Effect]) -> tuple[Judge, list[Term], list[Run]]:
 
 def errors(judge: Judge, chosen: list[Term], beside: list[Term], test: list[Run]) -> tuple[Model, float]:
     """Completed model, and its error [N m] at the shoulder in all poses."""
-    found = Found(chosen, refit(judge.evidence, chosen), [], [], [], judge, beside)
+    fitted = refit(judge.evidence.adding(beside), chosen)
+    found = Found(chosen, fitted.x, [], [], [], judge.over(fitted.evidence), beside)
     model = found.model(chosen)
     return model, errors_of(model, test)["rmse"][0]
 
@@ -58,7 +59,7 @@ def errors(judge: Judge, chosen: list[Term], beside: list[Term], test: list[Run]
 @pytest.mark.parametrize("offset", [1.5, -1.5])
 def test_an_offset_beside_the_links_keeps_other_poses_right(offset: float) -> None:
     judge, chosen, test = judged([links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": offset})])
-    beside = beside_links(judge, chosen)
+    judge, beside = beside_links(judge, chosen)
     assert [(t.effect, t.joint) for t in beside] == [("torque_offset", 0), ("torque_offset", 1)]
     model, error = errors(judge, chosen, beside, test)
     own = [e for e in model.effects if not e.is_finding]
@@ -73,7 +74,8 @@ def test_an_offset_beside_the_links_keeps_other_poses_right(offset: float) -> No
 
 def test_where_there_is_none_it_stays_within_its_error() -> None:
     judge, chosen, test = judged([links(0.15)])
-    model, error = errors(judge, chosen, beside_links(judge, chosen), test)
+    judge, beside = beside_links(judge, chosen)
+    model, error = errors(judge, chosen, beside, test)
     for effect in (e for e in model.effects if not e.is_finding):
         assert abs(effect.parameters["offset"]) < 2 * effect.std_errors["offset"]
     # What it costs is no more than what the data leaves open.
@@ -83,13 +85,14 @@ def test_where_there_is_none_it_stays_within_its_error() -> None:
 
 def test_beside_single_causes_nothing_is_estimated() -> None:
     judge, (every,), _ = judged([links(0.15)])
-    single = [t for t in judge.evidence.columns.terms if t.effect in ("viscous_friction", "torque_offset")]
-    assert beside_links(judge, single) == []
+    single = [t for t in judge.evidence.terms if t.effect in ("viscous_friction", "torque_offset")]
+    assert beside_links(judge, single) == (judge, [])
     named = [t for t in single if t.effect == "torque_offset" and t.joint == 0]
-    assert [t.joint for t in beside_links(judge, [every, *named])] == [1]
+    assert [t.joint for t in beside_links(judge, [every, *named])[1]] == [1]
     # It is no part of the model without the links.
-    held = beside_links(judge, [every])
-    found = Found([every, *single], refit(judge.evidence, [every, *single]), [], [], [], judge, held)
+    judge, held = beside_links(judge, [every])
+    fitted = refit(judge.evidence, [every, *single])
+    found = Found([every, *single], fitted.x, [], [], [], judge.over(fitted.evidence), held)
     assert [e.is_finding for e in found.model([every]).effects] == [True, False, False]
     assert all(e.is_finding for e in found.model(single).effects)
     assert len(found.model(single).effects) == len(single)

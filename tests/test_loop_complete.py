@@ -43,7 +43,7 @@ def named(effects: Sequence[Effect]) -> list[set[tuple[str, str]]]:
     out = []
     for seed in SEEDS:
         judge, terms = judged(effects, seed)
-        out.append({(t.effect, ROBOT.joint_names[t.index]) for t in complete(judge, [], terms)})
+        out.append({(t.effect, ROBOT.joint_names[t.index]) for t in complete(judge, [], terms)[1]})
     return out
 
 

@@ -16,18 +16,20 @@ def dense():
     return np.einsum("bki,bkj->bij", rows, rows)
 
 
+@pytest.mark.parametrize("moving", [[], [0, 4]])
 @pytest.mark.parametrize("used", [[6], [1, 6], [0, 2, 3, 5, 6], range(SIZE)])
 @pytest.mark.parametrize("blocks", [slice(None), slice(1, 4), np.array([0, 3])])
-def test_a_form_is_that_of_the_dense_matrices_whatever_columns_are_used(dense, used, blocks):
+def test_a_form_is_that_of_the_dense_matrices_whatever_columns_are_used(dense, used, blocks, moving):
     v, w = np.zeros(SIZE), np.zeros(SIZE)
     v[list(used)], w[list(used)[:2]] = np.arange(1.0, len(used) + 1), -2.5
-    packed = BlockGrams.of(dense)
+    packed = BlockGrams.of(dense, moving)
     np.testing.assert_allclose(packed.forms(v, w, blocks), dense[blocks] @ w @ v, rtol=1e-12)
     np.testing.assert_allclose(packed.forms(w, v, blocks), dense[blocks] @ v @ w, rtol=1e-12)
 
 
-def test_entries_sums_and_the_last_column_are_those_of_the_dense_matrices(dense):
-    packed, rows, columns = BlockGrams.of(dense), np.array([4, 0]), np.array([2, 6, 5])
+@pytest.mark.parametrize("moving", [[], [2], [1, 4]])
+def test_entries_sums_and_the_last_column_are_those_of_the_dense_matrices(dense, moving):
+    packed, rows, columns = BlockGrams.of(dense, moving), np.array([4, 0]), np.array([2, 6, 5])
     np.testing.assert_array_equal(packed.last, dense[:, :, -1])
     np.testing.assert_array_equal(packed.pick(rows, columns), dense[:, rows[:, None], columns])
     weights = np.array([[0.0, 1.0, 1.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0, -1.0], np.zeros(BLOCKS)])
@@ -36,33 +38,43 @@ def test_entries_sums_and_the_last_column_are_those_of_the_dense_matrices(dense)
     np.testing.assert_allclose(packed.column_totals(columns, weights), sums[:, columns], rtol=1e-13, atol=1e-13)
 
 
-def test_columns_come_before_the_last_and_leave_the_others_where_they_are(dense):
-    kept = [0, 1, 2, 3, 6]
-    packed = BlockGrams.of(dense[:, kept][:, :, kept]).grown(SIZE)
-    packed.put(np.array([4, 5]), dense[:, [4, 5]])
+@pytest.mark.parametrize("moving", [[], [1], [1, 4], [0, 1, 2, 3, 4, 5]])
+def test_columns_come_before_the_last_and_leave_the_others_where_they_are(dense, moving):
+    kept, every = [0, 1, 2, 3, 6], np.arange(SIZE)
+    few = BlockGrams.of(dense[:, kept][:, :, kept], [m for m in moving if m < 4])
+    packed = few.grown(dense[:, [4, 5]], [m for m in moving if m >= 4])
     assert packed.size == SIZE
+    np.testing.assert_array_equal(packed.pick(every, every), dense)
+    v = np.arange(1.0, SIZE + 1)
+    np.testing.assert_allclose(packed.forms(v, v[::-1]), dense @ v[::-1] @ v, rtol=1e-12)
     np.testing.assert_array_equal(packed.last, dense[:, :, -1])
     np.testing.assert_allclose(packed.totals(np.ones((1, BLOCKS)))[0], dense.sum(axis=0), rtol=1e-13)
+    # Those there were have not changed, nor can they.
+    np.testing.assert_array_equal(few.pick(every[:5], every[:5]), dense[:, kept][:, :, kept])
+    with pytest.raises(ValueError, match="read-only"):
+        few.last[0, 0] = 1.0
 
 
 def test_sums_of_folds_leave_out_what_borders_on_a_fold_and_follow_columns_that_change(dense):
     # One run in five blocks, the first two one fold, the next two the second, the last one the third.
     blocks = Blocks(np.zeros(BLOCKS, int), ((0, 0),) * BLOCKS)
     folds = Folds(blocks, 3, np.array([0, 0, 1, 1, 2]))
-    sums = FoldSums([BlockGrams.of(dense)], folds)
+    first = FoldSums.of([BlockGrams.of(dense)], folds)
     own, others = [[0, 1], [2, 3], [4]], [[3, 4], [0], [0, 1, 2]]
 
-    def check(now):
+    def check(sums, now):
         np.testing.assert_allclose(sums.full[0], now.sum(axis=0), rtol=1e-12, atol=1e-12)
         for f in range(3):
             np.testing.assert_allclose(sums.own[0][f], now[own[f]].sum(axis=0), rtol=1e-12, atol=1e-12)
             np.testing.assert_allclose(sums.others[0][f], now[others[f]].sum(axis=0), rtol=1e-12, atol=1e-12)
 
-    check(dense)
+    check(first, dense)
     changed, columns = dense.copy(), np.array([5, 2])
     changed[:, columns] *= 3.0
     changed[:, :, columns] *= 3.0
-    sums.renew_columns(0, BlockGrams.of(changed), columns)
+    grams = [BlockGrams.of(dense, [2, 5]).replaced(columns, changed[:, columns])]
+    second = first.renewed(grams, {0: columns})
     with pytest.raises(AssertionError):
-        check(dense)
-    check(changed)
+        check(second, dense)
+    check(second, changed)
+    check(first, dense)

@@ -31,7 +31,7 @@ def moved(q: Array, *effects: Effect, noise: float = 0.0) -> tuple[Evidence, lis
     tau += np.random.default_rng(0).normal(0.0, noise, tau.shape)
     run = process(Trajectory("run", "train", TIME, {"q": q, "tau": tau}), ROBOT, ProcessSettings())
     terms = [e.term(ROBOT) for e in effects]
-    return Evidence(Model(ROBOT), [run], terms, LoopSettings()), terms
+    return Evidence.of(Model(ROBOT), [run], terms, LoopSettings()), terms
 
 
 def turning(back: float, *effects: Effect) -> tuple[Evidence, list[Term]]:

@@ -35,7 +35,7 @@ def drifting(log: Trajectory, seed: int) -> Trajectory:
 def change(log: Trajectory, terms: list[Term], misfit: tuple[float, ...] | None) -> Effect:
     run = process(log, ROBOT, ProcessSettings())
     start = Model(ROBOT) if misfit is None else Model(ROBOT).with_misfit(misfit)
-    evidence = Evidence(start, [run], terms, LoopSettings())
+    evidence = Evidence.of(start, [run], terms, LoopSettings())
     return model_of(evidence, terms).effects[0]
 
 

@@ -70,7 +70,7 @@ def test_what_a_model_predicts_of_a_run_is_computed_once_in_a_row(panda, monkeyp
     load = Term("load_dependent_friction", 3)
     late = Effect("time_delay", (), {"delay": 0.01}, {"response": "delay"})
     grease, more = (Effect("viscous_friction", ("panda_joint4",), {"viscous_coefficient": v}) for v in (0.5, 0.6))
-    evidence = Evidence(Model(panda), [run], [load], settings)
+    evidence = Evidence.of(Model(panda), [run], [load], settings)
     asked = []
     newton_euler = Robot.inverse_dynamics
 
@@ -79,12 +79,12 @@ def test_what_a_model_predicts_of_a_run_is_computed_once_in_a_row(panda, monkeyp
         return newton_euler(robot, *states)
 
     monkeypatch.setattr(Robot, "inverse_dynamics", count)
-    one = evidence.exact([grease, late])
-    evidence.renew([grease, late], [load])
+    one = evidence.problem.left([grease, late])
+    evidence.at([grease, late], [load])
     assert len(asked) == 1
-    other = evidence.exact([more, late])
+    other = evidence.problem.left([more, late])
     assert len(asked) == 2
-    again = evidence.exact([grease, late])
+    again = evidence.problem.left([grease, late])
     assert len(asked) == 2
     np.testing.assert_array_equal(one, again)
     for effects, left in (([grease, late], one), ([more, late], other)):
@@ -187,8 +187,9 @@ def test_a_tilt_beside_free_inertias_keeps_the_size_of_gravity(panda):
     settings = LoopSettings()
     runs = [process(t, panda, settings.process) for t in train]
     terms = [s for n in ("gravity_tilt", "inertial_parameters") for s in family(n).terms(panda, np.ones(7, bool), {})]
-    evidence = Evidence(Model(panda), runs, terms, settings)
-    x = refit(evidence, terms)
+    evidence = Evidence.of(Model(panda), runs, terms, settings)
+    fitted = refit(evidence, terms)
+    evidence, x = fitted.evidence, fitted.x
     linear = evidence.residuals(terms, x)
     model = evidence.base.adding(effects_of(evidence, terms, x))
     for run, left in zip(runs, linear, strict=True):

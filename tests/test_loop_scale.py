@@ -12,7 +12,6 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.alternatives import indistinguishable
-from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.factor import common_factor, own_parameters
 from hybrid_dynamics.loop.prepare import gather, read_motion
@@ -97,9 +96,9 @@ def test_a_gain_that_stands_for_a_few_heavier_links_gives_way_to_them(panda: Rob
     runs = _runs(panda, 1.0) if scatter else [r.with_signals(tau=GAIN * r["tau"]) for r in _plain_runs(panda)]
     judge, _, _ = gather(Model(panda), read_motion(panda, runs[:2], runs[2:], settings), settings)
     shared = Term("torque_gain", None)
-    judge.evidence.add_terms([shared])
-    refit(judge.evidence, [shared])
-    found = links_for_gain(judge, [shared])
+    judge = judge.adding([shared])
+    judge = judge.at([shared])
+    _, found = links_for_gain(judge, [shared])
     assert (found == [shared]) is gain
     assert any(t.effect == "inertial_parameters" for t in found) is not gain
 
@@ -110,8 +109,8 @@ def test_links_that_change_mostly_by_one_factor_say_that_it_may_be_a_gain(panda:
     runs = _runs(panda, gain)
     judge, candidates, _ = gather(Model(panda), read_motion(panda, runs[:2], runs[2:], settings), settings)
     links = next(t for t in candidates if t.family().all_links)
-    judge.evidence.add_terms([links])
-    refit(judge.evidence, [links])
+    judge = judge.adding([links])
+    judge = judge.at([links])
     listed = [a["effects"] for a in indistinguishable(judge, [links], candidates)[links]]
     # Control: links off each its own way have no factor in common.
     assert ([{"effect": "torque_gain", "joints": []}] in listed) is (gain != 1.0)
@@ -125,7 +124,7 @@ def motion(panda: Robot) -> tuple[Evidence, Term, Term]:
     logs = read_motion(panda, runs[:1], [replace(runs[1], split="test")], settings)
     gain = Term("torque_gain", None)
     (links,) = Term("inertial_parameters", None).family().terms(panda, np.ones(panda.n_joints, bool), {})
-    return Evidence(Model(panda), logs.train, [links, gain], settings), links, gain
+    return Evidence.of(Model(panda), logs.train, [links, gain], settings), links, gain
 
 
 def _heavier(rng: np.random.Generator, own: Array, scale: Array) -> Array:
@@ -172,7 +171,7 @@ def test_a_common_factor_is_as_uncertain_as_links_scatter(
 def known_covariance(evidence: Evidence, terms: list[Term], x: Array) -> Array:
     """What noise and the weak prior make uncertain."""
     layout = evidence.layout(terms)
-    normal, _ = evidence.normal(layout, evidence.sums.full)
+    normal, _ = evidence.normal(layout)
     return covariance_with_settings(evidence, terms, x) + prior_covariance(evidence, layout, normal)
 
 

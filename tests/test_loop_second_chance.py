@@ -11,7 +11,6 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model, prune
 from hybrid_dynamics.loop import find as find_module
 from hybrid_dynamics.loop import search as search_module
-from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.trace import Judge
@@ -40,35 +39,34 @@ def test_what_an_unsure_effect_kept_out_is_asked_when_that_goes(
     spring = {"stiffness": 2.0, "rest_position": 0.4}
     judge, _ = judged([Effect("joint_spring", (SHOULDER,), spring, {"shape": "linear"})])
     proxy, cause = Term("position_offset", 0, ()), Term("joint_spring", 0, (("shape", "linear"),))
-    judge.evidence.add_terms([proxy, cause])
-    refit(judge.evidence, [proxy])
-    really: Callable[..., tuple[list[Term], set[str], list[Step]]] = prune.keep_sure
+    judge = judge.adding([proxy, cause])
+    judge = judge.at([proxy])
+    really: Callable[..., tuple[Judge, list[Term], set[str], list[Step]]] = prune.keep_sure
 
     def without_proxy(
         judge: Judge, current: Sequence[Term], looked: int, report: Callable[[Step], None]
-    ) -> tuple[list[Term], set[str], list[Step]]:
-        kept, common, steps = really(judge, [t for t in current if t != proxy], looked, report)
-        return kept, common, steps
+    ) -> tuple[Judge, list[Term], set[str], list[Step]]:
+        return really(judge, [t for t in current if t != proxy], looked, report)
 
     monkeypatch.setattr(find_module, "keep_sure", without_proxy)
     monkeypatch.setattr(find_module, "MOST_RETURNS", returns)
-    kept, _, _ = find_module._surely(judge, [proxy], [proxy, cause], 2, silent)
+    _, kept, _, _ = find_module._surely(judge, [proxy], [proxy, cause], 2, silent)
     assert [t.effect for t in kept] == named
 
 
 def test_nothing_is_asked_again_where_nothing_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     judge, terms = judged([])
     proxy = Term("joint_spring", 0, (("shape", "linear"),))
-    judge.evidence.add_terms([proxy])
-    refit(judge.evidence, [proxy])
+    judge = judge.adding([proxy])
+    judge = judge.at([proxy])
     asked: list[Sequence[Term]] = []
 
-    def refined(judge: Judge, chosen: Sequence[Term], *rest: object) -> tuple[list[Term], list[Step]]:
+    def refined(judge: Judge, chosen: Sequence[Term], *rest: object) -> tuple[Judge, list[Term], list[Step]]:
         asked.append(chosen)
-        return list(chosen), []
+        return judge, list(chosen), []
 
     monkeypatch.setattr(find_module, "_refined", refined)
-    kept, _, _ = find_module._surely(judge, [proxy], [*terms, proxy], len(terms), silent)
+    _, kept, _, _ = find_module._surely(judge, [proxy], [*terms, proxy], len(terms), silent)
     assert kept == []
     assert asked == []
 
@@ -78,7 +76,7 @@ def test_a_search_may_be_told_to_add_only(monkeypatch: pytest.MonkeyPatch, repla
     judge, terms = judged([Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.4})])
     tried: list[bool] = []
     monkeypatch.setattr(search_module, "_replace", lambda *given: tried.append(True))
-    steps = search_module.search(judge, terms, silent, replacing=replacing)
+    _, steps = search_module.search(judge, terms, silent, replacing=replacing)
     assert [(t.effect, t.joint) for t in steps[-1].terms] == [("viscous_friction", 1)]
     assert bool(tried) is replacing
 
@@ -89,11 +87,11 @@ def test_plain_friction_that_held_out_rows_surely_miss_stays(monkeypatch: pytest
     plainest = [t for t in terms if t.family().everywhere and not t.settings]
     # No coefficient by itself is as sure as all joints ask for.
     monkeypatch.setattr(prune, "in_errors", lambda judge, current, x: dict.fromkeys(current, 2.0))
-    kept = prune.without_noise(judge, plainest, sure=True)
+    _, kept = prune.without_noise(judge, plainest, sure=True)
     assert [(t.effect, t.joint) for t in kept] == [("viscous_friction", 1)]
     # Control: what the held-out rows do not miss goes, however it was called.
     other, _ = judged([])
-    assert prune.without_noise(other, plainest, sure=True) == []
+    assert prune.without_noise(other, plainest, sure=True)[1] == []
 
 
 def test_offsets_on_many_joints_are_given_back_to_the_one_wrong_zero_behind_them() -> None:
@@ -105,8 +103,8 @@ def test_offsets_on_many_joints_are_given_back_to_the_one_wrong_zero_behind_them
         settings = LoopSettings()
         train, test = excitations(robot, effects, train=2, test=1, duration=8.0, rate=100.0)
         judge, _, _ = gather(Model(robot), read_motion(robot, train, test, settings), settings)
-        judge.evidence.add_terms([*offsets, zero, decoy])
-        refit(judge.evidence, offsets, everything=True)
+        judge = judge.adding([*offsets, zero, decoy])
+        judge = judge.at(offsets)
         before = judge.evidence.held(offsets, physical=True)
         return search_module._replace(judge, offsets, [*offsets, zero, decoy], before, set())
 

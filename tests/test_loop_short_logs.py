@@ -126,12 +126,12 @@ def test_a_refit_from_the_tangent_of_another_model_still_lowers_the_error(panda:
     judge, terms, _ = gather(Model(panda), logs, settings)
     evidence = judge.evidence
     chosen = [Term("torque_gain", 1), *(t for t in terms if t.effect == "coulomb_friction" and not t.settings)]
-    bare = evidence.squared_error(evidence.base_target)
+    bare = evidence.squared_error(evidence.problem.base_target)
     # As a search leaves it that has just looked at something far away.
     far = [Effect("torque_gain", (panda.joint_names[1],), {"gain": 40.0})]
-    evidence.renew(far, [chosen[0]])
-    evidence.relinearise(evidence.exact(far), [chosen[0]], np.array([39.0]))
-    x = refit(evidence, chosen)
+    evidence = evidence.tangent(far, evidence.problem.left(far), [chosen[0]], np.array([39.0]))
+    fitted = refit(evidence, chosen)
+    evidence, x = fitted.evidence, fitted.x
     assert x[0] == pytest.approx(0.2, rel=0.02)
     assert evidence.squared_error(evidence.residuals(chosen, x)) < 0.5 * bare
 
@@ -149,12 +149,11 @@ def test_a_refused_change_that_takes_the_place_of_another_is_tried_once(monkeypa
     plain = next(t for t in terms if t.effect == "coulomb_friction" and t.joint == 1 and not t.settings)
     tried: list[frozenset[Term]] = []
 
-    def refuse(judge: Judge, current: Sequence[Term], trial: Sequence[Term]) -> bool:
+    def refuse(judge: Judge, current: Sequence[Term], trial: Sequence[Term]) -> None:
         assert frozenset(trial) not in tried
         tried.append(frozenset(trial))
-        return False
 
     monkeypatch.setattr(search_module, "take", refuse)
-    steps = search(judge, terms, lambda step: None, [plain])
+    _, steps = search(judge, terms, lambda step: None, [plain])
     assert [step.action for step in steps] == ["stop"]
     assert any({t.effect for t in trial} == {"asymmetric_coulomb_friction"} for trial in tried)

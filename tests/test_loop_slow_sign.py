@@ -54,7 +54,7 @@ def test_a_smooth_step_is_one_law_with_its_width(monkeypatch: pytest.MonkeyPatch
     curve = [m.predict(still, dq, still)[:, 1] for m in (result.model, Model(ROBOT, tuple(truth)))]
     np.testing.assert_allclose(curve[0], curve[1], atol=0.02 * np.abs(curve[1]).max())
     # Control: without the offer the search makes the step of several laws, none of them as wide.
-    monkeypatch.setattr(find_module, "slow_signs", lambda judge, chosen: list(chosen))
+    monkeypatch.setattr(find_module, "slow_signs", lambda judge, chosen: (judge, list(chosen)))
     without = named(closed(truth))
     assert len(without) > 1
     assert all(e.settings.get(WIDTH, 0.0) < 0.2 for e in without.values())
@@ -65,7 +65,7 @@ def test_a_viscous_friction_that_bends_stays_one() -> None:
     judge, terms = judged([VISCOUS, Effect("nonlinear_viscous_friction", (ELBOW,), law)])
     own = [t for t in terms if t.joint == 1 and t.family().viscous_powers]
     assert len(own) == 2
-    assert set(slow_sign.slow_signs(judge, own)) == set(own)
+    assert set(slow_sign.slow_signs(judge, own)[1]) == set(own)
 
 
 def test_a_sharp_sign_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,18 +73,18 @@ def test_a_sharp_sign_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     own = [t for t in terms if t.joint == 1 and t.effect == "coulomb_friction" and t.options.get(WIDTH) == 0.03]
     asked: list[int] = []
     monkeypatch.setattr(slow_sign, "_best_step", lambda judge, rest, joint: asked.append(joint))
-    assert slow_sign.slow_signs(judge, own) == own
+    assert slow_sign.slow_signs(judge, own)[1] == own
     assert asked == []
 
 
 def test_a_step_as_wide_as_the_motion_is_viscous_friction() -> None:
     # Where the joint never leaves the foot of the step its height says nothing: the width would end at its end.
-    fastest = float(judged([])[0].evidence.fastest[1])
+    fastest = float(judged([])[0].evidence.problem.fastest[1])
     wide = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 20.0}, {WIDTH: 20.0 * fastest})
     judge, terms = judged([wide])
     own = [t for t in terms if t.joint == 1 and t.family().viscous_powers]
     assert slow_sign._best_step(judge, [], 1) is None
-    assert set(slow_sign.slow_signs(judge, own)) == set(own)
+    assert set(slow_sign.slow_signs(judge, own)[1]) == set(own)
 
 
 @pytest.mark.parametrize(("width", "shared"), [(0.3, True), (0.03, False)])
@@ -92,8 +92,9 @@ def test_the_height_of_a_slow_step_is_as_unsure_as_its_width_makes_it(width: flo
     # Between foot and top a wider step with a higher top is nearly the same; a sharp one has no such partner.
     judge, _ = judged([replace(STEP, settings={WIDTH: width}), VISCOUS])
     own = [Term("coulomb_friction", 1, ((WIDTH, width),)), Term("viscous_friction", 1)]
-    judge.evidence.add_terms(own)
-    x = refit(judge.evidence, own)
+    judge = judge.adding(own)
+    fitted = refit(judge.evidence, own)
+    judge, x = judge.over(fitted.evidence), fitted.x
     given_width = np.sqrt(np.diag(judge.evidence.covariance(own, x)))
     with_width = np.sqrt(np.diag(covariance_with_settings(judge.evidence, own, x)))
     assert len(with_width) == 2 + shared

@@ -25,17 +25,17 @@ def fitted(seed: int, clean: Trajectory) -> Effect:
     noise = NOISE * np.random.default_rng(seed).standard_normal(clean["tau"].shape)
     log = Trajectory(clean.name, "train", clean.time, {"q": clean["q"], "tau": clean["tau"] + noise})
     run = process(log, ROBOT, ProcessSettings())
-    evidence = Evidence(Model(ROBOT), [run], [], LoopSettings())
+    evidence = Evidence.of(Model(ROBOT), [run], [], LoopSettings())
 
     def at(harmonic: float) -> Term:
         return Term("torque_ripple", 1, (("harmonic", float(harmonic)),))
 
     def loss(harmonic: float) -> float:
-        evidence.add_terms([at(harmonic)])
-        return float(evidence.errors([at(harmonic)], evidence.fit([at(harmonic)])).sum())
+        own = evidence.adding([at(harmonic)])
+        return float(own.errors([at(harmonic)], own.fit([at(harmonic)])).sum())
 
     best = at(minimize_scalar(loss, bounds=(8.8, 9.2), method="bounded", options={"maxiter": 12}).x)
-    evidence.add_terms([best])
+    evidence = evidence.adding([best])
     x = evidence.fit([best])
     return effects_of(evidence, [best], x, covariance_with_settings(evidence, [best], x))[0]
 

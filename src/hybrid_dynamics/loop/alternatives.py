@@ -65,9 +65,9 @@ def indistinguishable(
     of a joint that carries little is its friction but for a remainder. One that has more numbers than the term must
     predict better by a standard error, or every offset would be a spring, too.
     """
-    evidence = judge.evidence
     forms = {term: _other_forms(judge, terms, term) for term in terms}
-    further = further_beside(judge, terms)
+    judge, further = further_beside(judge, terms)
+    evidence = judge.evidence
     x, layout = evidence.fit(terms), evidence.layout(terms)
     likeness = {
         term: Likeness(evidence, term, x[start : start + term.size])
@@ -227,7 +227,7 @@ def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
             if term not in together or len(together) < 2 or {t.effect for t in together} != set(known.effects):
                 continue
             offered = kind.terms(evidence.robot, here, settings.options)
-            evidence.add_terms(offered)
+            evidence = evidence.adding(offered)
             full, rest = evidence.held(terms, physical=True), [t for t in terms if t not in together]
             if any(judge.as_good(evidence.held([*rest, c], physical=True), full) for c in offered):
                 why = f"{INSTEAD}{' and '.join(known.effects)}: {known.why}"

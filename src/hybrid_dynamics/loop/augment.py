@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term
-from hybrid_dynamics.loop.columns import follows
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.tangents import published_covariance
@@ -47,57 +47,62 @@ def effects_of(evidence: Evidence, terms: Sequence[Term], x: Array, covariance: 
     return out
 
 
-def refit(evidence: Evidence, terms: Sequence[Term], rounds: int = 3, everything: bool = False) -> Array:
-    """Absolute Gauss-Newton re-fit of all coordinates; one round where everything is linear.
+@dataclass(frozen=True)
+class Refit:
+    """The coordinates ``x`` of a model with ``terms`` that was re-fitted, and the ``evidence`` as of that model."""
 
-    Columns that follow the load or the torque are those of the model that is being fitted; with ``everything`` also the
-    columns of candidates.
+    evidence: Evidence
+    terms: tuple[Term, ...]
+    x: Array
+
+    def model(self, covariance: bool = True) -> Model:
+        """The completed model: the start and the effects, with their standard errors where these are asked for."""
+        own = published_covariance(self.evidence, self.terms, self.x) if covariance else None
+        return self.evidence.base.adding(effects_of(self.evidence, self.terms, self.x, own))
+
+
+def refit(evidence: Evidence, terms: Sequence[Term], rounds: int = 3) -> Refit:
+    """Gauss-Newton re-fit of all coordinates of ``terms`` from where ``evidence`` stands; one round where everything is
+    linear.
+
+    Columns that follow the load or the torque, also those of candidates, are then of the model that was fitted.
     """
-    kinds = [s.family() for s in terms]
-    columns = evidence.columns
-    nonlinear = any(k.nonlinear for k in kinds) or (columns.base_follows_load and any(k.changes_body for k in kinds))
-    following = [s for s in (columns.terms if everything else terms) if follows(s)]
-    if not nonlinear:
-        evidence.reset()
+    problem, kinds = evidence.problem, [term.family() for term in terms]
+    if any(k.nonlinear for k in kinds) or (problem.base_follows_load and any(k.changes_body for k in kinds)):
+        return _descend(evidence, terms, rounds)
+    evidence = evidence.with_base_target()
     x = evidence.fit(terms)
-    own = [s for s in following if s in terms]
-    if nonlinear:
-        x = _descend(evidence, terms, own, x, rounds)
-    elif own:
-        for _ in range(rounds):
-            evidence.renew(effects_of(evidence, terms, x), own)
-            x = evidence.fit(terms)
-    if everything and following:
-        evidence.renew(effects_of(evidence, terms, x), [s for s in following if s not in terms])
-    return x
+    following = bool(evidence.layout(terms).following)
+    for _ in range(rounds if following else 1):
+        evidence = evidence.at(effects_of(evidence, terms, x), terms)
+        x = evidence.fit(terms) if following else x
+    return Refit(evidence, tuple(terms), x)
 
 
-def _descend(evidence: Evidence, terms: Sequence[Term], own: Sequence[Term], x: Array, rounds: int) -> Array:
-    """Gauss-Newton from ``x``, where a step that makes the training error of the whole model larger is halved.
+def _descend(evidence: Evidence, terms: Sequence[Term], rounds: int) -> Refit:
+    """Gauss-Newton, where a step that makes the training error of the whole model larger is halved.
 
-    The linear problem is left exact at the coordinates that are returned.
+    The linear problem is exact at the coordinates that are returned.
     """
+    problem = evidence.problem
 
-    def exact(x: Array) -> tuple[list[Array], float]:
+    def exact(x: Array) -> tuple[tuple[Array, ...], float]:
         # Far from where a law means something numbers run over: that is a large error, not a fault.
         with np.errstate(over="ignore", invalid="ignore"):
-            left = evidence.exact(effects_of(evidence, terms, x))
+            left = problem.left(effects_of(evidence, terms, x))
             error = evidence.squared_error(left)
         return left, error if np.isfinite(error) else np.inf
 
-    def stand(x: Array, left: list[Array]) -> None:
-        evidence.renew(effects_of(evidence, terms, x), own)
-        evidence.relinearise(left, terms, x)
+    def tangent(x: Array, left: Sequence[Array]) -> Evidence:
+        return evidence.tangent(effects_of(evidence, terms, x), left, terms, x)
 
     limits = evidence.constraints(evidence.layout(terms))
-    start = evidence.squared_error(evidence.base_target)
-    best = x
+    start = evidence.squared_error(problem.base_target)
+    best = evidence.fit(terms)
     left, error = exact(best)
     if error > start:
         # The tangent was that of another model: once more from the model without these effects.
-        evidence.reset()
-        evidence.renew([], own)
-        best = evidence.fit(terms)
+        best = evidence.at([], terms).fit(terms)
         for _ in range(2 * HALVINGS):
             left, error = exact(best)
             if error <= start:
@@ -105,7 +110,7 @@ def _descend(evidence: Evidence, terms: Sequence[Term], own: Sequence[Term], x: 
             best = best / 2
         else:
             left, error = exact(best)
-    stand(best, left)
+    evidence = tangent(best, left)
     for _ in range(rounds):
         step = evidence.fit(terms) - best
         promised = error - evidence.squared_error(evidence.residuals(terms, best + step))
@@ -128,15 +133,12 @@ def _descend(evidence: Evidence, terms: Sequence[Term], own: Sequence[Term], x: 
             step, (left, trial) = further - best, longer
         settled = trial > (1 - SETTLED) * error
         best, error = best + step, trial
-        stand(best, left)
+        evidence = tangent(best, left)
         if settled:
             break
-    return best
+    return Refit(evidence, tuple(terms), best)
 
 
 def model_of(evidence: Evidence, terms: Sequence[Term], covariance: bool = True) -> Model:
     """The completed model: the start and the effects of ``terms`` fitted on all training rows."""
-    x = refit(evidence, terms)
-    return evidence.base.adding(
-        effects_of(evidence, terms, x, published_covariance(evidence, terms, x) if covariance else None)
-    )
+    return refit(evidence, terms).model(covariance)

@@ -20,14 +20,15 @@ from hybrid_dynamics.loop.trace import Judge, has_family
 EXPECTED = 0.1
 
 
-def beside_links(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
-    """Terms that look like weight, on the joints that move and have no such name among ``chosen``.
+def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """Terms that look like weight, on the joints that move and have no such name among ``chosen``; and the judge who
+    has their columns.
 
-    None where the links of the robot are not identified together. Their columns are computed.
+    None where the links of the robot are not identified together.
     """
     evidence = judge.evidence
     if not wanted(chosen):
-        return []
+        return judge, []
     size = np.sqrt(np.mean(np.concatenate([run.tau for run in evidence.runs]) ** 2, axis=0))
     moving = np.flatnonzero((evidence.samples >= FEWEST_ROWS) & (size > 0))
     terms = [
@@ -37,8 +38,7 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
         for j in moving
         if not has_family(chosen, name, int(j))
     ]
-    evidence.add_terms(terms)
-    return terms
+    return judge.adding(terms), terms
 
 
 def wanted(chosen: Sequence[Term]) -> bool:

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from hybrid_dynamics.effects import Term
-from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.prune import on_most
 from hybrid_dynamics.loop.tangents import covariance_with_settings
@@ -23,8 +22,9 @@ from hybrid_dynamics.types import Array
 
 def complete(
     judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], common: Collection[str] = ()
-) -> list[Term]:
-    """``chosen`` with plain friction, offset and armature where they are expected and the data says so.
+) -> tuple[Judge, list[Term]]:
+    """``chosen`` with plain friction, offset and armature where they are expected and the data says so; and the judge
+    there.
 
     What a joint lacks is asked together: two that take each other's part show only side by side, and a third that
     looks like both is not called first. Then each plain family on every joint at the level of all these places. Both
@@ -37,15 +37,14 @@ def complete(
     evidence = judge.evidence
     out = list(chosen)
     moving = [int(j) for j in np.flatnonzero(evidence.samples >= FEWEST_ROWS)]
-    plain = sorted({t.effect for t in evidence.columns.terms if t.family().everywhere})
+    plain = sorted({t.effect for t in evidence.terms if t.family().everywhere})
     for joint in moving:
         out = _together(judge, out, candidates, plain, joint)
     out = _with_sure(judge, out, candidates, [(n, j) for n in plain for j in moving], sizeable=True)
     sits = Counter(s.effect for s in out if s.joint is not None and s.family().everywhere)
     for name in sorted(on_most(sits, len(moving)) | set(common)):
         out = _with_sure(judge, out, candidates, [(name, j) for j in moving])
-    refit(evidence, out)
-    return out
+    return judge.at(out), out
 
 
 def _with_sure(

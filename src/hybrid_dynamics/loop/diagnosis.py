@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import write_json
-from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.model import Model, check_schema, effect_from_json, effect_to_json, refuse_newer
+from hybrid_dynamics.loop.problem import predict_fine
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.metrics import torque_errors
 from hybrid_dynamics.types import Array
@@ -228,7 +228,7 @@ def predict_run(model: Model, run: Run) -> Array:
     """Smoothed prediction (K, n) [N m] at the instants of ``run``; kept, since errors and figures ask for it again."""
     kept = model.predictions.get(id(run))
     if kept is None or kept[0] is not run:
-        kept = run, run.smooth(Evidence.predict_fine(model, run))
+        kept = run, run.smooth(predict_fine(model, run))
         model.predictions[id(run)] = kept
     return kept[1]
 

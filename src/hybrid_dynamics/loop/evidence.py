@@ -13,192 +13,195 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Term
-from hybrid_dynamics.loop.blocks import Indices, folds_by_time, folds_of
-from hybrid_dynamics.loop.columns import Columns, model_in
+from hybrid_dynamics.loop.blocks import Blocks, Folds, Indices, folds_by_time
 from hybrid_dynamics.loop.gram import BlockGrams
-from hybrid_dynamics.loop.held import Held, residual_vector
+from hybrid_dynamics.loop.held import Held, change_by_block, residual_vector
 from hybrid_dynamics.loop.jackknife import covariance_of
 from hybrid_dynamics.loop.layout import Layout, make_room, term_order
+from hybrid_dynamics.loop.linearisation import Linearisation, Mask
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.loop.physics import physical_constraints
+from hybrid_dynamics.loop.problem import Problem
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
 from hybrid_dynamics.loop.sums import FoldSums
+from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
 #: Beside a gain of all joints, links may change by no more than about this multiple of the starting model's torque.
 MULTIPLE = 1e-3
 #: Weight of a surface that coordinates must lie on, against the data.
 STIFF = 1e4
+#: A combination of terms, and whether bodies and friction are held physical.
+_Asked = tuple[frozenset[Term], bool]
 
 
 class Evidence:
-    """Gram matrices of the training runs for a list of terms, with respect to a starting model."""
+    """What the training runs say of any terms, as of one linearisation, with joints weighed by ``weights`` (n,).
 
-    def __init__(self, base: Model, runs: Sequence[Run], terms: Sequence[Term], settings: LoopSettings) -> None:
-        self.base, self.runs, self.settings = base, list(runs), settings
-        #: Rows that count, per run (K, n): where the joint moves and nothing disturbs it.
-        self.mask = [run.mask.copy() for run in self.runs]
-        self.robot = base.completed_robot
-        self.n = self.robot.n_joints
-        self.weights = np.ones(self.n)
-        # What follows from the terms alone: a search asks for the same ones again and again.
-        self._priors: dict[Term, Array] = {}
-        self._indices: dict[Layout, list[tuple[Indices, Indices]]] = {}
-        self._constraints: dict[Layout, Constraints] = {}
+    A value. Whatever is asked of it, and whatever other models are fitted in between, gives the same numbers: to weigh,
+    to fold, to leave out rows, to add columns or to stand at another model makes another value, which shares what has
+    stayed. What is kept of answers (and the columns of candidates that follow the model, which are made when somebody
+    asks for them) spares time and changes nothing.
+    """
+
+    def __init__(self, linearisation: Linearisation, weights: Array) -> None:
+        self.problem: Problem = linearisation.problem
+        self.weights = weights
+        weights.flags.writeable = False
+        self._linear = linearisation
+        #: Held-out predictions of terms that follow no model: the same at every point with this target.
+        self._still: dict[_Asked, Held] = {}
+        self._following: dict[_Asked, Held] = {}
         self._multiples: dict[Layout, Array] = {}
-        self.columns = Columns(base, runs)
-        #: Products of all columns and, as the last one, the target, per joint.
-        self.gram: list[BlockGrams] = []
-        self._cache: dict[tuple[frozenset[Term], bool], Held] = {}
-        self.base_target = self.exact([])
-        self._base_places: dict[Term, Array] = {}
-        for effect in base.effects:
-            term = effect.term(base.robot)
-            if term.family().scope == "joint":
-                own = term.family().coordinates_of(effect.parameters, base.robot, term)
-                self._base_places[term] = self._base_places.get(term, np.zeros(len(own))) + own
-        #: Fastest speed of every joint in the runs (n,) [rad/s].
-        self.fastest = np.max([np.abs(run.dq).max(axis=0) for run in self.runs], axis=0)
-        self.target = [t.copy() for t in self.base_target]
-        self._moved = False
-        self.folds = self._first_folds = folds_of(self.runs, settings)
-        self.blocks = self.folds.blocks
-        self.add_terms(terms)
 
-    @staticmethod
-    def predict_fine(model: Model, run: Run) -> Array:
-        """Prediction at the states of the run, not yet smoothed (M, n)."""
-        m = run.motion
-        return model.predict(m.q, m.dq, m.ddq, m.time)
+    @classmethod
+    def of(cls, base: Model, runs: Sequence[Run], terms: Sequence[Term], settings: LoopSettings) -> Evidence:
+        """Of ``runs`` at the starting model ``base``, with columns of ``terms`` and joints weighed alike."""
+        problem = Problem(base, runs, settings)
+        return cls(Linearisation.of(problem, terms), np.ones(problem.n))
+
+    # -- what it holds ----------------------------------------------------------------------------------------------
+    @property
+    def base(self) -> Model:
+        """The starting model."""
+        return self.problem.base
 
     @property
-    def base_torque(self) -> list[Array]:
-        """Smoothed torque (K, n) [N m] of the starting model in every run."""
-        return [run.tau - left for run, left in zip(self.runs, self.base_target, strict=True)]
+    def robot(self) -> Robot:
+        """The starting model's, its bodies as far as they are known."""
+        return self.problem.robot
 
-    # -- building ---------------------------------------------------------------------------------------------------
-    def fold_by_run(self) -> None:
-        """The folds of the beginning again."""
-        self.folds = self._first_folds
-        self._sum()
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """The training runs."""
+        return self.problem.runs
 
-    def fold_by_time(self) -> None:
-        """Fold anew: contiguous parts of every run in turn, so that every run is in every fit."""
-        self.folds = folds_by_time(self.blocks, self.settings.time_folds)
-        self._sum()
+    @property
+    def settings(self) -> LoopSettings:
+        """As the loop was asked."""
+        return self.problem.settings
 
-    def add_terms(self, terms: Sequence[Term]) -> None:
-        """Compute and append the columns of ``terms`` (those not there yet)."""
-        grown = self.columns.add(terms)
-        if not self.gram:
-            self._reduce()
-        elif grown:
-            for j in grown:
-                old, size = self.gram[j].size, self.columns.size(j) + 1
-                self.gram[j] = self.gram[j].grown(size)
-                self._multiply(j, np.arange(old - 1, size - 1))
-                self.sums.renew(j, self.gram[j])
-            self._cache = {}
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.problem.n
 
-    def renew(self, effects: Sequence[Effect], terms: Sequence[Term]) -> None:
-        """Columns of ``terms`` that follow the load or the model's torque anew, see :meth:`Columns.renew`."""
-        for j, columns in self.columns.renew(effects, terms).items():
-            self._multiply(j, columns)
-            self.sums.renew_columns(j, self.gram[j], columns)
-            self._cache = {}
+    @property
+    def blocks(self) -> Blocks:
+        """The runs in blocks of time."""
+        return self._linear.folds.blocks
 
-    def leave_out(self, run: int, rows: slice) -> None:
-        """Let ``rows`` of run number ``run`` count no more."""
-        self.mask[run][rows] = False
-        self._multiples = {}
-        self._reduce()
+    @property
+    def folds(self) -> Folds:
+        """What is held out together."""
+        return self._linear.folds
 
-    def _reduce(self) -> None:
-        self.gram = [self._joint_gram(j) for j in range(self.n)]
-        self.count = np.array(
-            [
-                self.mask[r][low:high].sum(axis=0)
-                for r, (low, high) in zip(self.blocks.run, self.blocks.rows, strict=True)
-            ],
-            float,
-        )
-        self.samples = self.count.sum(axis=0)
-        self._sum()
+    @property
+    def mask(self) -> tuple[Mask, ...]:
+        """Rows that count, per run (K, n): where the joint moves and nothing disturbs it."""
+        return self._linear.mask
 
-    def _joint_gram(self, j: int) -> BlockGrams:
-        size = self.columns.rows[0][j].shape[1] + 1
-        gram = np.zeros((len(self.blocks.rows), size, size))
-        for b in range(len(gram)):
-            rows = self._counted(j, b)
-            gram[b] = rows.T @ rows
-        return BlockGrams.of(gram)
+    @property
+    def target(self) -> tuple[Array, ...]:
+        """Torque (K, n) [N m] per run that the columns of terms are to explain."""
+        return self._linear.target
 
-    def _counted(self, j: int, b: int) -> Array:
-        """Columns of joint ``j`` and, as the last one, its target, over the rows of block ``b`` that count."""
-        r, (low, high) = self.blocks.run[b], self.blocks.rows[b]
-        rows = np.column_stack([self.columns.rows[r][j][low:high], self.target[r][low:high, j]])
-        return np.asarray(rows[self.mask[r][low:high, j]])
+    @property
+    def count(self) -> Array:
+        """(blocks, n) rows that count."""
+        return self._linear.count
 
-    def _multiply(self, j: int, columns: Indices) -> None:
-        """Renew the products of ``columns`` of joint ``j`` with all its columns and the target."""
-        rows = [run[j] for run in self.columns.rows]
-        counted = [np.where(mask[:, [j]], own[:, columns], 0.0) for mask, own in zip(self.mask, rows, strict=True)]
-        products = np.empty((len(self.blocks), len(columns), self.gram[j].size))
-        for b, (low, high) in enumerate(self.blocks.rows):
-            r = self.blocks.run[b]
-            own = counted[r][low:high].T
-            products[b, :, :-1], products[b, :, -1] = own @ rows[r][low:high], own @ self.target[r][low:high, j]
-        self.gram[j].put(columns, products)
+    @property
+    def samples(self) -> Array:
+        """(n,) rows that count."""
+        return np.asarray(self.count.sum(axis=0))
 
-    def _retarget(self) -> None:
-        """Renew what depends on the target in the Gram matrices."""
-        for j, gram in enumerate(self.gram):
-            for b, (low, high) in enumerate(self.blocks.rows):
-                r = self.blocks.run[b]
-                target = np.where(self.mask[r][low:high, j], self.target[r][low:high, j], 0.0)
-                gram.last[b, :-1] = target @ self.columns.rows[r][j][low:high]
-                gram.last[b, -1] = target @ target
-            self.sums.renew_columns(j, gram, np.array([gram.size - 1]))
-        self._cache = {}
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Those whose columns are there."""
+        return self._linear.columns.terms
 
-    def _sum(self) -> None:
-        self._cache = {}
-        self.sums = FoldSums(self.gram, self.folds)
+    @property
+    def gram(self) -> tuple[BlockGrams, ...]:
+        """Products of columns and, as the last one, the target, per joint: of terms whose :meth:`indices` were asked
+        for."""
+        return self._linear.gram
 
-    def weigh(self, floor: Array) -> None:
-        """Weigh the joints in every fit and score by ``floor`` (n,) [N m]; one without a floor counts nothing."""
+    @property
+    def sums(self) -> FoldSums:
+        """The same over all blocks and over folds."""
+        return self._linear.sums
+
+    def has(self, term: Term) -> bool:
+        """True where the columns of ``term`` are there."""
+        return term in self._linear.columns
+
+    def in_base(self, term: Term) -> bool:
+        """True where the starting model has an effect at ``term``."""
+        return term in self.problem.base_places
+
+    def acts(self, term: Term) -> NDArray[np.bool_]:
+        """(n,) on which joints ``term`` has a torque."""
+        return self._linear.columns.acts(term)
+
+    # -- other values -----------------------------------------------------------------------------------------------
+    def weigh(self, floor: Array) -> Evidence:
+        """With joints weighed in every fit and score by ``floor`` (n,) [N m]; one without a floor counts nothing."""
         seen = floor > 0
-        self.weights = np.where(seen, 1.0 / np.where(seen, floor, 1.0) ** 2, 0.0)
-        self._cache, self._multiples = {}, {}
+        return Evidence(self._linear, np.where(seen, 1.0 / np.where(seen, floor, 1.0) ** 2, 0.0))
 
-    def exact(self, effects: Sequence[Effect]) -> list[Array]:
-        """Torque (K, n) [N m] of every run that the starting model with ``effects``, laws as they are, leaves."""
-        models = [model_in(self.base, effects, run) for run in self.runs]
-        fine = [m.recorded(self.columns.torques(m, r)[1], self.runs[r].motion.time) for r, m in enumerate(models)]
-        return [run.tau - run.smooth(own) for run, own in zip(self.runs, fine, strict=True)]
+    def fold_by_time(self) -> Evidence:
+        """Folded anew: contiguous parts of every run in turn, so that every run is in every fit."""
+        folds = folds_by_time(self.blocks, self.settings.time_folds)
+        return Evidence(self._linear.folded(folds), self.weights)
 
-    def relinearise(self, left: Sequence[Array], terms: Sequence[Term], x: Array) -> None:
-        """Make the linear problem exact at ``x``, where ``terms`` leave ``left``: target = left + columns x.
+    def leave_out(self, run: int, rows: slice) -> Evidence:
+        """Where ``rows`` of run number ``run`` count no more."""
+        return Evidence(self._linear.without_rows(run, rows), self.weights)
 
-        (Gauss-Newton with columns that stay.)
+    def adding(self, terms: Sequence[Term]) -> Evidence:
+        """With the columns of ``terms`` (those not there yet)."""
+        linear = self._linear.adding(terms)
+        if linear is self._linear:
+            return self
+        out = Evidence(linear, self.weights)
+        # Columns have kept their numbers. What is added here another value may number otherwise: copies.
+        out._still, out._following = self._still.copy(), self._following.copy()
+        out._multiples = self._multiples.copy()
+        return out
+
+    def at(self, effects: Sequence[Effect], terms: Sequence[Term] = ()) -> Evidence:
+        """At the starting model with ``effects``, those of a linear model: what the starting model leaves is the
+        target, and columns that follow the load or the torque are of this model. Those of ``terms`` are made at once.
         """
-        self._moved = True
-        self.target = [own + part for own, part in zip(left, self.linear(terms, x), strict=True)]
-        self._retarget()
+        following = self.layout(terms).following
+        linear = self._linear.at(effects).with_target(self.problem.base_target).refreshed(following)
+        if linear is self._linear:
+            return self
+        out = Evidence(linear, self.weights)
+        out._multiples = self._multiples
+        if linear.target is self._linear.target:
+            out._still = self._still
+        return out
 
-    def reset(self) -> None:
-        """The target of the beginning again: for models that are linear."""
-        if not self._moved:
-            return
-        self._moved = False
-        self.target = [t.copy() for t in self.base_target]
-        self._retarget()
+    def with_base_target(self) -> Evidence:
+        """With what the starting model leaves as the target, and columns as they are."""
+        return self.at(self._linear.effects)
 
+    def tangent(self, effects: Sequence[Effect], left: Sequence[Array], terms: Sequence[Term], x: Array) -> Evidence:
+        """The linear problem that is exact at ``x``, where ``effects``, those of ``terms``, leave ``left`` (K, n) [N m]
+        of every run: target = left + columns x (Gauss-Newton)."""
+        out = Evidence(self._linear.tangent(effects, left, self.layout(terms), x), self.weights)
+        out._multiples = self._multiples
+        return out
+
+    # -- torques ----------------------------------------------------------------------------------------------------
     def linear(self, terms: Sequence[Term], x: Array) -> list[Array]:
         """Columns times coordinates: torque (K, n) [N m] of ``terms`` in every run."""
-        return self.columns.linear(self.layout(terms), x)
+        layout = self.layout(terms)
+        self._ready(layout.following)
+        return self._linear.columns.linear(layout, x, self._linear.moving)
 
     def residuals(self, terms: Sequence[Term], x: Array) -> list[Array]:
         """What ``terms`` at ``x`` leave of the target (K, n) [N m] in every run."""
@@ -209,9 +212,13 @@ class Evidence:
         sums = sum(np.sum(np.where(m, r, 0.0) ** 2, axis=0) for m, r in zip(self.mask, left, strict=True))
         return float(sums @ self.weights)
 
-    def acts(self, term: Term) -> NDArray[np.bool_]:
-        """(n,) on which joints ``term`` has a torque."""
-        return self.columns.acts(term)
+    def columns_of(self, joint: int, columns: Indices | None = None) -> list[Array]:
+        """``columns`` (c,) of ``joint``, or all, in every run (K, c); of terms whose :meth:`indices` were asked for."""
+        if columns is None:
+            self._ready(frozenset(self.terms))
+            columns = np.arange(self._linear.columns.size[joint])
+        own = self._linear
+        return [own.columns.pick(r, joint, columns, own.moving) for r in range(len(self.runs))]
 
     # -- solving ----------------------------------------------------------------------------------------------------
     def layout(self, terms: Sequence[Term]) -> Layout:
@@ -219,29 +226,28 @@ class Evidence:
         return Layout.of(terms)
 
     def indices(self, layout: Layout) -> list[tuple[Indices, Indices]]:
-        """Per joint: positions in x and columns in the joint's Gram matrix."""
-        return self.columns.indices(layout)
+        """Per joint: positions in x and columns in the joint's Gram matrix, which holds them from then on."""
+        self._ready(layout.following)
+        return self._linear.columns.indices(layout)
+
+    def _ready(self, following: frozenset[Term]) -> None:
+        """Make the columns that follow the model, where one of ``following`` is asked for the first time: all of them,
+        since who asks for one goes on to others."""
+        if not following <= self._linear.fresh:
+            self._linear = self._linear.refreshed(self.terms)
 
     def constraints(self, layout: Layout) -> Constraints:
         """What physics asks of the coordinates of ``layout``."""
-        if layout not in self._constraints:
-            make_room(self._constraints)
-            self._constraints[layout] = physical_constraints(
-                layout.terms, layout.starts, layout.total, self._base_places, self.robot, self.fastest
-            )
-        return self._constraints[layout]
+        return self.problem.constraints(layout)
 
-    def has(self, term: Term) -> bool:
-        """True where the columns of ``term`` are there."""
-        return term in self.columns
+    def prior(self, layout: Layout) -> Array:
+        """(p,): one over the square of what a coordinate of ``layout`` may plausibly be."""
+        return self.problem.prior(layout)
 
-    def in_base(self, term: Term) -> bool:
-        """True where the starting model has an effect at ``term``."""
-        return term in self._base_places
-
-    def normal(self, layout: Layout, grams: Sequence[Array]) -> tuple[Array, Array]:
-        """Weighted normal equations with the weak prior; ``grams``: the sum of some blocks, per joint."""
-        a, b = self._normals(layout, [gram[None] for gram in grams])
+    def normal(self, layout: Layout, grams: Sequence[Array] | None = None) -> tuple[Array, Array]:
+        """Weighted normal equations with the weak prior; ``grams``: per joint the sum of some blocks (default: all)."""
+        self._ready(layout.following)
+        a, b = self._normals(layout, [gram[None] for gram in (self.sums.full if grams is None else grams)])
         return a[0], b[0]
 
     def _normals(self, layout: Layout, grams: Sequence[Array]) -> tuple[Array, Array]:
@@ -271,29 +277,19 @@ class Evidence:
             return 0.0
         if layout not in self._multiples:
             make_room(self._multiples)
-            own = self.base_torque
+            own = self.problem.base_torque
             weighted = [m * self.weights * o for m, o in zip(self.mask, own, strict=True)]
             size = max(sum(float(np.sum(w * o)) for w, o in zip(weighted, own, strict=True)), 1e-300)
-            along = self.columns.project(layout, links, weighted) / size
+            along = self._linear.columns.project(layout, links, weighted, self._linear.moving) / size
             self._multiples[layout] = np.outer(along, along) / MULTIPLE**2
         return self._multiples[layout]
-
-    def prior(self, layout: Layout) -> Array:
-        """(p,): one over the square of what a coordinate of ``layout`` may plausibly be."""
-        return np.concatenate([np.zeros(0), *(self._prior(term) for term in layout.terms)])
-
-    def _prior(self, term: Term) -> Array:
-        """Weight (p,) that holds the coordinates of ``term`` to zero."""
-        if term not in self._priors:
-            self._priors[term] = 1.0 / term.family().prior_scale(self.robot, term) ** 2
-        return self._priors[term]
 
     def fit(self, terms: Sequence[Term], grams: Sequence[Array] | None = None, physical: bool = True) -> Array:
         """Coordinates of ``terms``, jointly, on the sum of blocks ``grams`` (default: all)."""
         layout = self.layout(terms)
         if layout.total == 0:
             return np.zeros(0)
-        a, b = self.normal(layout, self.sums.full if grams is None else grams)
+        a, b = self.normal(layout, grams)
         return self._solved(layout, a, b, self.constraints(layout), physical)
 
     def _solved(self, layout: Layout, a: Array, b: Array, constraints: Constraints, physical: bool) -> Array:
@@ -313,26 +309,33 @@ class Evidence:
 
     def errors(self, terms: Sequence[Term], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:
         """Squared residual sums (blocks, n) [N m]^2 of coordinates ``x``."""
-        chosen = slice(None) if blocks is None else blocks
-        vectors = [
-            residual_vector(p, x, g.size) for p, g in zip(self.indices(self.layout(terms)), self.gram, strict=True)
-        ]
+        chosen, places = slice(None) if blocks is None else blocks, self.indices(self.layout(terms))
+        vectors = [residual_vector(p, x, g.size) for p, g in zip(places, self.gram, strict=True)]
         forms = [gram.forms(v, v, chosen) for gram, v in zip(self.gram, vectors, strict=True)]
         return np.maximum(np.column_stack(forms), 0.0)
 
     def held(self, terms: Sequence[Term], physical: bool = False) -> Held:
         """Held-out prediction by ``terms``: fits under bounds alone, or with bodies and friction held ``physical``."""
         key = frozenset(terms), physical
-        if key not in self._cache:
-            layout = self.layout(sorted(key[0], key=term_order))
-            constraints = self.constraints(layout)
-            a, b = self._normals(layout, self.sums.others)
-            folds = [
-                self._solved(layout, a[f], b[f], constraints, physical) if layout.total else np.zeros(0)
-                for f in range(self.folds.number)
-            ]
-            self._cache[key] = Held(self, self.indices(layout), folds)
-        return self._cache[key]
+        if (known := self._still.get(key) or self._following.get(key)) is not None:
+            return known
+        layout = self.layout(sorted(key[0], key=term_order))
+        places, constraints = self.indices(layout), self.constraints(layout)
+        a, b = self._normals(layout, self.sums.others)
+        folds = [
+            self._solved(layout, a[f], b[f], constraints, physical) if layout.total else np.zeros(0)
+            for f in range(self.folds.number)
+        ]
+        held = Held.of(self.sums, places, folds, self.weights)
+        kept = self._following if layout.following else self._still
+        make_room(kept)
+        kept[key] = held
+        return held
+
+    def change(self, left: Held, old: Held, new: Held) -> Array:
+        """Block-wise sums (blocks, n) [N m]^2 of what ``left`` leaves times the change of the prediction from ``old``
+        to ``new``: held-out predictions of this value."""
+        return change_by_block(left, old, new, self.gram, self.folds)
 
     def constrained(self, terms: Sequence[Term]) -> bool:
         """True where the fit of ``terms`` under bounds alone asks for a body or a friction that cannot exist."""
@@ -345,6 +348,7 @@ class Evidence:
     def held_out_all_rows(self, terms: Sequence[Term], joint: int) -> float:
         """Held-out squared residual sum [N m]^2 of ``joint`` over all rows, standing ones too; fits see moving ones."""
         total = 0.0
+        self._ready(self.layout(terms).following)
         for f in range(self.folds.number):
             torque = self.linear(terms, self.fit(terms, [gram[f] for gram in self.sums.others]))
             for b in self.folds.own[f]:
@@ -356,7 +360,7 @@ class Evidence:
         """Covariance of ``x``, every block of time left out in turn (:mod:`.jackknife`)."""
         layout = self.layout(terms)
         parts, scores = self.by_block(layout, x, self.weights)
-        return covariance_of(self.normal(layout, self.sums.full)[0], parts, scores, self.blocks.run)
+        return covariance_of(self.normal(layout)[0], parts, scores, self.blocks.run)
 
     def by_block(self, layout: Layout, x: Array, weights: Array) -> tuple[Array, Array]:
         """Each block's share of the normal matrix (B, K, K), joints weighed by ``weights`` (n,), and its scores (B, K)

@@ -77,55 +77,59 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     Where the model found leaves much less than the joints were weighed by at first (a large effect had drowned the
     rest), they are weighed anew and the search goes on from there.
     """
-    evidence = judge.evidence
     candidates = list(candidates)
     looked = len({s.place for s in candidates})
-    chosen, steps = _both_ends(judge, candidates, report)
+    judge, chosen, steps = _both_ends(judge, candidates, report)
     for _ in range(MOST_WEIGHINGS):
-        lower = _lower_floor(judge, chosen)
+        judge, lower = _lower_floor(judge, chosen)
         if lower is None:
             break
-        judge = replace(judge, floor=lower)
-        evidence.weigh(lower)
-        further = search(judge, candidates, report, chosen)
+        judge = replace(judge, floor=lower, evidence=judge.evidence.weigh(lower))
+        judge, further = search(judge, candidates, report, chosen)
         steps += further
         chosen = list(further[-1].terms)
     # Another form of what has been looked for already is new, too.
-    offered = further_candidates(judge, chosen)
+    judge, offered = further_candidates(judge, chosen)
     candidates = [*candidates, *offered]
     if offered:
         looked = len({s.place for s in candidates})
-        chosen, further = _refined(judge, chosen, candidates, report)
+        judge, chosen, further = _refined(judge, chosen, candidates, report)
         steps += further
-    chosen = choose_forms(judge, slow_signs(judge, simplify(judge, chosen, candidates)))
-    held = judge.mean_square(evidence.held(chosen, physical=True))
-    if len(evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
-        further = split_by_run(judge, chosen, candidates, report)
+    judge, chosen = _in_simplest_form(judge, chosen, candidates)
+    held = judge.mean_square(judge.evidence.held(chosen, physical=True))
+    if len(judge.evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
+        split, further = split_by_run(judge, chosen, candidates, report)
         parts = list(further[-1].terms) if further else []
         # Where the search let go of every part, nothing differs between runs.
         if whole_of(parts):
-            merged, x = pool(judge, parts)
-            sizes = in_errors(judge, merged, x)
+            split, merged, x = pool(split, parts)
+            sizes = in_errors(split, merged, x)
             # What is nothing on the whole, now this and now that way, is no cause of the robot.
             if all(sizes.get(s, np.inf) > 1.0 for s in whole_of(parts)):
                 notes = ["the runs disagree: a whole-robot effect has its own parameters in every training run"]
-                return Found(merged, x, whole_of(parts), [*steps, *further], notes, judge)
-        evidence.fold_by_run()
-    refit(evidence, chosen)
-    chosen, common, further = _surely(judge, _drop_guesses(judge, chosen), candidates, looked, report)
+                return Found(merged, x, whole_of(parts), [*steps, *further], notes, split)
+    judge, chosen = _drop_guesses(judge, chosen)
+    judge, chosen, common, further = _surely(judge, chosen, candidates, looked, report)
     steps += further
-    chosen = complete(judge, links_for_gain(judge, chosen), candidates, common)
-    kept = without_noise(judge, chosen)
+    judge, chosen = links_for_gain(judge, chosen)
+    judge, chosen = complete(judge, chosen, candidates, common)
+    judge, kept = without_noise(judge, chosen)
     if any(not s.family().everywhere for s in chosen if s not in kept):
         # What goes had stood for plain friction, too: of that joint it has not been asked.
-        kept = without_noise(judge, complete(judge, kept, candidates, common))
-    chosen = gain_for_links(judge, kept)
-    kept = without_noise(judge, choose_signs(judge, chosen), sure=True)
-    chosen = widened(judge, kept)
+        judge, kept = without_noise(*complete(judge, kept, candidates, common))
+    judge, kept = without_noise(*choose_signs(*gain_for_links(judge, kept)), sure=True)
+    judge, chosen = widened(judge, kept)
     if chosen != kept:
         # What stood beside one body may be nothing beside all of them.
-        chosen = without_noise(judge, chosen)
-    return Found(chosen, refit(evidence, chosen), [], steps, [], judge, beside_links(judge, chosen))
+        judge, chosen = without_noise(judge, chosen)
+    fitted = refit(judge.evidence, chosen)
+    judge, beside = beside_links(judge.over(fitted.evidence), chosen)
+    return Found(chosen, fitted.x, [], steps, [], judge, beside)
+
+
+def _in_simplest_form(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` in the plainest laws that do as well, and the judge there."""
+    return choose_forms(*slow_signs(*simplify(judge, chosen, candidates)))
 
 
 def _refined(
@@ -134,33 +138,33 @@ def _refined(
     candidates: Sequence[Term],
     report: Callable[[Step], None],
     replacing: bool = True,
-) -> tuple[list[Term], list[Step]]:
-    """Search on from ``chosen`` and refine; without what ends where no such law is, once more."""
-    steps = search(judge, candidates, report, chosen, replacing)
-    found = refine(judge, steps[-1].terms)
+) -> tuple[Judge, list[Term], list[Step]]:
+    """Search on from ``chosen`` and refine; without what ends where no such law is, once more. With the judge there."""
+    judge, steps = search(judge, candidates, report, chosen, replacing)
+    judge, found = refine(judge, steps[-1].terms)
     if implausible := at_the_end(found):
         rest = [c for c in candidates if not any(same_place(c, t) for t in implausible)]
-        steps += search(judge, rest, report, [t for t in found if t not in implausible], replacing)
-        found = refine(judge, steps[-1].terms)
+        judge, further = search(judge, rest, report, [t for t in found if t not in implausible], replacing)
+        steps += further
+        judge, found = refine(judge, steps[-1].terms)
         implausible = at_the_end(found)
-    return [t for t in found if t not in implausible], steps
+    return judge, [t for t in found if t not in implausible], steps
 
 
 def _surely(
     judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], looked: int, report: Callable[[Step], None]
-) -> tuple[list[Term], set[str], list[Step]]:
-    """Those of ``chosen`` that are surely there, the common families, and the steps.
+) -> tuple[Judge, list[Term], set[str], list[Step]]:
+    """Those of ``chosen`` that are surely there, the judge where they stand, the common families, and the steps.
 
     What is let go of had kept others out that explain the same torque, and perhaps surely: on the joints that miss it
     they are asked once more.
     """
-    evidence = judge.evidence
     offered = list(candidates)
-    with_all = judge.mean_square(evidence.held(chosen, physical=True))
-    kept, common, steps = keep_sure(judge, chosen, looked, report)
+    with_all = judge.mean_square(judge.evidence.held(chosen, physical=True))
+    judge, kept, common, steps = keep_sure(judge, chosen, looked, report)
     for _ in range(MOST_RETURNS):
         lost = [s for s in chosen if not any(same_place(s, k) for k in kept)]
-        without = judge.mean_square(evidence.held(kept, physical=True))
+        without = judge.mean_square(judge.evidence.held(kept, physical=True))
         missed = without > with_all + LEFT * judge.floor**2
         if all(s.family().everywhere for s in lost) or not missed.any():
             break
@@ -170,52 +174,55 @@ def _surely(
             if not any(same_place(c, s) for s in lost) and (c.joint is None or missed[c.joint] or c in kept)
         ]
         # What is sure stays: in its place a richer law would take up what the lost one explained.
-        trial, further = _refined(judge, kept, offered, report, replacing=False)
+        other, trial, further = _refined(judge, kept, offered, report, replacing=False)
         steps += further
-        trial = choose_forms(judge, slow_signs(judge, simplify(judge, trial, offered)))
+        other, trial = _in_simplest_form(other, trial, offered)
         if set(trial) == set(kept):
             break
-        again, same, further = keep_sure(judge, trial, looked, report)
+        other, again, same, further = keep_sure(other, trial, looked, report)
         steps += further
-        if evidence.held(again, physical=True).score >= evidence.held(kept, physical=True).score:
-            refit(evidence, kept, everything=True)
+        held = other.adding(kept).evidence.held
+        if held(again, physical=True).score >= held(kept, physical=True).score:
             break
-        chosen, kept, common = trial, again, same
-    return kept, common, steps
+        judge, chosen, kept, common = other, trial, again, same
+    return judge, kept, common, steps
 
 
 def _both_ends(
     judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None]
-) -> tuple[list[Term], list[Step]]:
-    everything = from_everything(judge, candidates, report)
+) -> tuple[Judge, list[Term], list[Step]]:
+    there, everything = from_everything(judge, candidates, report)
     if everything:
-        everything += search(judge, candidates, report, everything[-1].terms)
-    nothing = search(judge, candidates, report)
-    chosen = choose(judge, [nothing[-1].terms, *([everything[-1].terms] if everything else [])])
-    return chosen, nothing if list(nothing[-1].terms) == chosen else everything
+        there, further = search(there, candidates, report, everything[-1].terms)
+        everything += further
+    here, nothing = search(judge, candidates, report)
+    ends = [(here, nothing[-1].terms), *([(there, everything[-1].terms)] if everything else [])]
+    judge, chosen = choose(ends)
+    return judge, chosen, nothing if list(nothing[-1].terms) == chosen else everything
 
 
-def _lower_floor(judge: Judge, chosen: Sequence[Term]) -> Array | None:
-    """Floors (n,) after ``chosen`` has been added, where one of them is much lower than before; else None."""
-    evidence = judge.evidence
-    x = refit(evidence, chosen)
+def _lower_floor(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, Array | None]:
+    """Floors (n,) after ``chosen`` has been added, where one of them is much lower than before, else None; and the
+    judge there."""
+    fitted = refit(judge.evidence, chosen)
+    evidence, x = fitted.evidence, fitted.x
     held = np.sqrt(judge.mean_square(evidence.held(chosen, physical=True)))
     low = difference_floor(evidence.runs, evidence.residuals(chosen, x), evidence.mask)
     rich = np.minimum(noise_floor(evidence, chosen, x), held)
     lower = np.minimum(judge.floor, np.maximum(rich, low))
     seen = judge.floor > 0
     lower = np.where(seen, np.maximum(lower, judge.settings.resolution * np.sqrt(judge.torque_variance)), 0.0)
-    return lower if np.any(seen & (lower < judge.floor / MUCH)) else None
+    return judge.over(evidence), lower if np.any(seen & (lower < judge.floor / MUCH)) else None
 
 
-def _drop_guesses(judge: Judge, chosen: list[Term]) -> list[Term]:
-    """Take back single-joint names on joints where more than half of the excess over the floor stays."""
+def _drop_guesses(judge: Judge, chosen: list[Term]) -> tuple[Judge, list[Term]]:
+    """Take back single-joint names on joints where more than half of the excess over the floor stays; and the judge at
+    what is kept."""
+    judge = judge.at(chosen)
     evidence = judge.evidence
     before = judge.mean_square(evidence.held([]))
     after = judge.mean_square(evidence.held(chosen, physical=True))
     floor = judge.floor**2
     guessed = (after - floor) > np.maximum(0.5 * (before - floor), LEFT * floor)
     kept = [s for s in chosen if s.family().scope != "joint" or s.joint is None or not guessed[s.joint]]
-    if len(kept) != len(chosen):
-        refit(evidence, kept)
-    return kept
+    return judge if len(kept) == len(chosen) else judge.at(kept), kept

@@ -18,16 +18,15 @@ _ROUNDS = 6
 BAND = 3.0
 
 
-def choose_forms(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
-    """``chosen`` with a law in another form where that leaves surely less of the training runs."""
+def choose_forms(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with a law in another form where that leaves surely less of the training runs; and the judge there."""
     out = list(chosen)
     for i, term in enumerate(out):
         for form in term.family().forms(term):
             trial = [*out[:i], form, *out[i + 1 :]]
             if form != out[i] and _surely_less(judge, _left(judge, trial), _left(judge, out)):
                 out = trial
-    refit(judge.evidence, out)
-    return out
+    return judge.adding(out).at(out), out
 
 
 def forms_as_good(judge: Judge, terms: Sequence[Term], term: Term) -> list[Term]:
@@ -36,9 +35,7 @@ def forms_as_good(judge: Judge, terms: Sequence[Term], term: Term) -> list[Term]
     if not others:
         return []
     own = _left(judge, terms)
-    found = [f for f in others if not _surely_less(judge, own, _left(judge, [f if t == term else t for t in terms]))]
-    refit(judge.evidence, terms)
-    return found
+    return [f for f in others if not _surely_less(judge, own, _left(judge, [f if t == term else t for t in terms]))]
 
 
 def _surely_less(judge: Judge, less: Array, more: Array) -> bool:
@@ -50,11 +47,9 @@ def _surely_less(judge: Judge, less: Array, more: Array) -> bool:
 
 def _left(judge: Judge, terms: Sequence[Term]) -> Array:
     """(blocks,) weighted squares of what ``terms``, every law as it is, leave below :data:`BAND`."""
-    evidence = judge.evidence
-    evidence.add_terms(terms)
-    x = refit(evidence, terms, rounds=_ROUNDS)
-    squares = []
-    for run, mask, left in zip(evidence.runs, evidence.mask, evidence.residuals(terms, x), strict=True):
+    fitted = refit(judge.evidence.adding(terms), terms, rounds=_ROUNDS)
+    evidence, squares = fitted.evidence, []
+    for run, mask, left in zip(evidence.runs, evidence.mask, evidence.residuals(terms, fitted.x), strict=True):
         rate = 1.0 / float(np.median(np.diff(run.time)))
         slow = sosfiltfilt(butter(2, min(BAND, 0.4 * rate), fs=rate, output="sos"), np.where(mask, left, 0.0), axis=0)
         squares.append(np.where(mask, slow, 0.0) ** 2 @ evidence.weights)

@@ -14,7 +14,6 @@ import numpy as np
 
 from hybrid_dynamics.effects import Family, Motion, Term, family
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.columns import follows
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.search import take
@@ -32,11 +31,12 @@ MOST_INSTEAD = 6
 _ROWS = 4000
 
 
-def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
-    """Terms of the further families on joints where something is left; their columns are computed."""
-    evidence, settings = judge.evidence, judge.settings
-    x = refit(evidence, chosen)
-    residual = evidence.residuals(chosen, x)
+def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """The judge at ``chosen``, who has their columns, and terms of the further families on joints where something is
+    left."""
+    settings, fitted = judge.settings, refit(judge.evidence, chosen)
+    evidence, judge = fitted.evidence, judge.over(fitted.evidence)
+    residual = evidence.residuals(chosen, fitted.x)
     low = np.minimum(difference_floor(evidence.runs, residual, evidence.mask), judge.low)
     held = judge.mean_square(evidence.held(chosen, physical=True))
     left = (judge.floor > 0) & (held > (1 + EXCESS) * low**2)
@@ -47,7 +47,7 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
     flexible = [s for s in chosen if s.joint is not None and s.size > 1 and s not in bodies and s.family().searched]
     curved = np.isin(np.arange(evidence.n), [s.index for s in flexible]) & (judge.floor > 0)
     if not np.any(left | bodily | curved) or not settings.further:
-        return []
+        return judge, []
     motions, rest = [], []
     for run, r in zip(evidence.runs, residual, strict=True):
         thin = slice(None, None, max(len(run.time) // _ROWS, 1))
@@ -63,8 +63,7 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
             terms += kind.propose([run.name for run in evidence.runs], motions, rest, where)
     few = [s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS]
     terms = [s for s in few if not evidence.has(s)]
-    evidence.add_terms(terms)
-    refit(evidence, chosen, everything=True)
+    judge = judge.adding(terms)
     found = _promising(judge, chosen, terms, MOST_PLACES)
     if bodies:
         alike = [s for s in terms if _like_a_body(s.family())]
@@ -75,18 +74,19 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
         alike = [s for s in terms if s.joint == own.joint and _alike(own, s.effect)]
         for best in _promising(judge, without, alike, 1):
             # Judged against a law whose numbers are all fitted: on the coarse grid it would not have a chance.
-            fitted = refine(judge, joined(without, best), [best.place])
-            found += [s for s in fitted if s.place == best.place and s not in found]
-    return found
+            _, refined = refine(judge, joined(without, best), [best.place])
+            found += [s for s in refined if s.place == best.place and s not in found]
+    return judge.adding(found), found
 
 
-def further_beside(judge: Judge, terms: Sequence[Term]) -> list[Term]:
-    """Terms of the further families on the joints that ``terms`` name, and of all joints together; columns are there.
+def further_beside(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """The judge at ``terms``, who has their columns, and terms of the further families on the joints that ``terms``
+    name, and of all joints together.
 
     Also where nothing is left: what is named may stand for one of them and leave little.
     """
     if not terms:
-        return []
+        return judge, []
     evidence, settings = judge.evidence, judge.settings
     moving = evidence.samples >= FEWEST_ROWS
     named = {s.joint for s in terms}
@@ -94,9 +94,7 @@ def further_beside(judge: Judge, terms: Sequence[Term]) -> list[Term]:
     # What all joints have together may stand behind a body and one joint's name, too.
     asked = [t for t in asked if t.joint is None or t.joint in named]
     own = [s for s in dict.fromkeys(asked) if len(s.family().published(s.options)) <= MOST_NUMBERS]
-    evidence.add_terms(own)
-    refit(evidence, terms, everything=True)
-    return own
+    return judge.adding(own).at(terms), own
 
 
 def _alike(term: Term, name: str) -> bool:
@@ -121,32 +119,28 @@ def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term], most
     return [term for _, term in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:most]]
 
 
-def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
-    """``chosen`` with every effect that holds another as a special case given back to that one where it is as good."""
-    evidence = judge.evidence
+def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with every effect that holds another as a special case given back to that one where it is as good; and
+    the judge there."""
     out = list(chosen)
-    holders = [i for i, term in enumerate(out) if term.family().contains]
-    # Once for all of them: what is taken or refused below leaves every column as the model that stands wants it.
-    refit(evidence, out, everything=bool(holders))
-    for i in holders:
+    judge = judge.at(out)
+    for i in [i for i, term in enumerate(out) if term.family().contains]:
         term = out[i]
         plainer = [c for c in candidates if c.effect in term.family().contains and c.joint == term.joint]
         if term.joint is not None:
-            here = np.arange(evidence.n) == term.joint
+            here = np.arange(judge.evidence.n) == term.joint
             for name in sorted(set(term.family().contains) - {c.effect for c in plainer}):
-                plainer += family(name).terms(evidence.robot, here, judge.settings.options)
-            stale = any(follows(c) and not evidence.has(c) for c in plainer)
-            evidence.add_terms(plainer)
-            if stale:
-                refit(evidence, out, everything=True)
+                plainer += family(name).terms(judge.evidence.robot, here, judge.settings.options)
+            judge = judge.adding(plainer)
         trials = [[*out[:i], c, *out[i + 1 :]] for c in plainer]
         if not trials:
             continue
+        evidence = judge.evidence
         best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[i])))
         good = judge.as_good(evidence.held(best, physical=True), evidence.held(out, physical=True))
-        if good and take(judge, out, best):
-            out = best
-    return out
+        if good and (there := take(judge, out, best)) is not None:
+            judge, out = there, best
+    return judge, out
 
 
 def _span(judge: Judge, term: Term) -> float:
@@ -171,15 +165,17 @@ def _with(terms: Sequence[Term], i: int, name: str) -> Callable[[float], list[Te
     return lambda value: [*terms[:i], terms[i].refined(**{name: float(f"{value:.6g}")}), *terms[i + 1 :]]
 
 
-def refine(judge: Judge, chosen: Sequence[Term], places: Collection[tuple[Any, ...]] | None = None) -> list[Term]:
-    """``chosen`` with nonlinear parameters at the best value between their bounds, one after the other, twice.
+def refine(
+    judge: Judge, chosen: Sequence[Term], places: Collection[tuple[Any, ...]] | None = None
+) -> tuple[Judge, list[Term]]:
+    """``chosen`` with nonlinear parameters at the best value between their bounds, one after the other, twice; and the
+    judge there.
 
     ``places``: only of the terms there.
     """
-    evidence = judge.evidence
     out = list(chosen)
     if not any(s.family().nonlinear_settings for s in out):
-        return out
+        return judge, out
     for _ in range(2):
         for i, term in enumerate(out):
             if places is not None and term.place not in places:
@@ -194,8 +190,8 @@ def refine(judge: Judge, chosen: Sequence[Term], places: Collection[tuple[Any, .
                     continue
 
                 model = _with(out, i, r.name)
-                value, score = best_setting(evidence, low, high, r.log, model)
-                if score < evidence.held(out).score:
+                value, score = best_setting(judge.evidence, low, high, r.log, model)
+                if score < judge.evidence.held(out).score:
                     out = model(value)
-    refit(evidence, out)
-    return out
+                    judge = judge.adding(out)
+    return judge.at(out), out

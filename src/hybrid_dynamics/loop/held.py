@@ -3,69 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
-from hybrid_dynamics.loop.blocks import Blocks, Folds, Indices
+from hybrid_dynamics.loop.blocks import Folds, Indices
 from hybrid_dynamics.loop.gram import BlockGrams
 from hybrid_dynamics.loop.sums import FoldSums
 from hybrid_dynamics.types import Array
 
 
-class Products(Protocol):
-    """What scores follow from: products ``gram`` of columns and target per joint, and their ``sums`` per fold."""
-
-    n: int
-    weights: Array
-    blocks: Blocks
-    folds: Folds
-    gram: list[BlockGrams]
-    sums: FoldSums
-
-
+@dataclass(frozen=True)
 class Held:
     """Held-out prediction of one combination of terms: every fold predicted by a fit on the others.
 
-    ``folds[f]`` are the coordinates that the other folds gave, ``places`` where those stand among the columns of each
-    joint. With the vector v of :meth:`_vector` the residual of a fold is columns @ v, so scores and block-wise products
-    of residuals follow from the Gram matrices; nothing is predicted sample by sample.
+    ``coordinates[f]`` are those that the other folds gave, ``places`` where they stand among the columns of each
+    joint. With the vector v of :meth:`vector` the residual of a fold is columns @ v, so scores and block-wise products
+    of residuals follow from the Gram matrices; nothing is predicted sample by sample. ``joint_errors`` (n,): squared
+    held-out residual sums [N m]^2; ``score``: their weighted sum.
     """
 
-    def __init__(self, products: Products, places: Sequence[tuple[Indices, Indices]], folds: Sequence[Array]) -> None:
-        self._products, self._places, self._folds = products, places, folds
-        self.joint_errors = self._errors()
+    places: tuple[tuple[Indices, Indices], ...]
+    coordinates: tuple[Array, ...]
+    joint_errors: Array
+    score: float
 
-    def _vector(self, fold: int, joint: int) -> Array:
-        """What turns the columns of ``joint``, its target as the last one, into the residual of ``fold``."""
-        return residual_vector(self._places[joint], self._folds[fold], self._products.gram[joint].size)
-
-    def _errors(self) -> Array:
-        """(n,) squared held-out residual sums [N m]^2."""
-        out = np.zeros(self._products.n)
-        for j, grams in enumerate(self._products.sums.own):
+    @classmethod
+    def of(
+        cls, sums: FoldSums, places: Sequence[tuple[Indices, Indices]], coordinates: Sequence[Array], weights: Array
+    ) -> Held:
+        """Scores follow from the ``sums`` of products over each fold, joints weighed by ``weights`` (n,)."""
+        errors = np.zeros(len(sums.own))
+        for j, grams in enumerate(sums.own):
             for f, gram in enumerate(grams):
-                v = self._vector(f, j)
-                out[j] += max(float(v @ gram @ v), 0.0)
-        return out
+                v = residual_vector(places[j], coordinates[f], len(gram))
+                errors[j] += max(float(v @ gram @ v), 0.0)
+        return cls(tuple(places), tuple(coordinates), errors, float(errors @ weights))
 
-    @cached_property
-    def score(self) -> float:
-        """Weighted sum of :attr:`joint_errors`."""
-        return float(self.joint_errors @ self._products.weights)
+    def vector(self, fold: int, joint: int, size: int) -> Array:
+        """What turns the ``size`` columns of ``joint``, its target as the last one, into the residual of ``fold``."""
+        return residual_vector(self.places[joint], self.coordinates[fold], size)
 
-    def change(self, old: Held, new: Held) -> Array:
-        """Block-wise sums (blocks, n) [N m]^2 of this residual times the change of the prediction from ``old`` to
-        ``new``."""
-        products = self._products
-        out = np.empty((len(products.blocks), products.n))
-        for f, parts in enumerate(products.folds.parts):
-            for j, gram in enumerate(products.gram):
-                own, change = self._vector(f, j), old._vector(f, j) - new._vector(f, j)
-                for part in parts:
-                    out[part, j] = gram.forms(own, change, part)
-        return out
+
+def change_by_block(left: Held, old: Held, new: Held, grams: Sequence[BlockGrams], folds: Folds) -> Array:
+    """Block-wise sums (blocks, n) [N m]^2 of what ``left`` leaves times the change of the prediction from ``old`` to
+    ``new``; all three of the linearisation of which ``grams`` are the products of every joint."""
+    out = np.empty((len(folds.blocks), len(grams)))
+    for f, parts in enumerate(folds.parts):
+        for j, gram in enumerate(grams):
+            own = left.vector(f, j, gram.size)
+            change = old.vector(f, j, gram.size) - new.vector(f, j, gram.size)
+            for part in parts:
+                out[part, j] = gram.forms(own, change, part)
+    return out
 
 
 def residual_vector(place: tuple[Indices, Indices], x: Array, size: int) -> Array:

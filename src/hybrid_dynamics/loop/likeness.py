@@ -33,16 +33,12 @@ class Likeness:
 
     def __init__(self, evidence: Evidence, term: Term, x: Array) -> None:
         self._evidence = evidence
-        #: Per joint, the products of all columns with that torque.
-        self._products: list[Array | None] = []
+        #: Per joint the columns of the term and their weights in its torque.
+        self._own = [(column, x[position]) for position, column in evidence.indices(evidence.layout([term]))]
         self._energy = 0.0
-        for j, (position, column) in enumerate(evidence.indices(evidence.layout([term]))):
-            if len(position):
-                own = evidence.weights[j] * evidence.sums.full[j][:, column] @ x[position]
-                self._energy += float(own[column] @ x[position])
-                self._products.append(own)
-            else:
-                self._products.append(None)
+        for j, (column, own) in enumerate(self._own):
+            square = evidence.sums.full[j][column[:, None], column]
+            self._energy += float(evidence.weights[j] * own @ square @ own)
 
     def share(self, *others: Term) -> float:
         """Share (0 to 1) of the torque that columns of ``others`` together can produce."""
@@ -51,9 +47,11 @@ class Likeness:
         a, b = np.zeros((layout.total, layout.total)), np.zeros(layout.total)
         for j, (position, column) in enumerate(evidence.indices(layout)):
             if len(position):
-                a[position[:, None], position] += evidence.weights[j] * evidence.sums.full[j][column[:, None], column]
-                if (product := self._products[j]) is not None:
-                    b[position] += product[column]
+                full = evidence.sums.full[j]
+                a[position[:, None], position] += evidence.weights[j] * full[column[:, None], column]
+                own, x = self._own[j]
+                if len(own):
+                    b[position] += evidence.weights[j] * full[column[:, None], own] @ x
         scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
         scale[np.diag(a) <= 1e-12] = 0.0
         y = b * scale

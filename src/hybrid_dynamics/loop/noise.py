@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.problem import predict_fine
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.types import Array
 
@@ -44,7 +45,7 @@ def noise_floor(evidence: Evidence, terms: Sequence[Term] = (), x: Array | None 
 
     With ``terms`` and their coordinates ``x`` the rich model is fitted to what they leave of the torque.
     """
-    left = evidence.base_target if x is None else evidence.residuals(terms, x)
+    left = evidence.problem.base_target if x is None else evidence.residuals(terms, x)
     out = np.zeros(evidence.n)
     for j, rows in _rich_rows(evidence, left):
         blocks = [
@@ -60,8 +61,8 @@ def rich_residuals(evidence: Evidence) -> list[Array]:
 
     Where a run has too few rows for that, the fit on all runs serves it; where all have, nothing is left (0).
     """
-    out = [np.zeros(t.shape) for t in evidence.base_target]
-    for j, rows in _rich_rows(evidence, evidence.base_target):
+    out = [np.zeros(t.shape) for t in evidence.problem.base_target]
+    for j, rows in _rich_rows(evidence, evidence.problem.base_target):
         counted = [part[mask[:, j]] for part, mask in zip(rows, evidence.mask, strict=True)]
         grams = [part.T @ part for part in counted]
         needed = _ROWS_PER_COLUMN * rows[0].shape[1]
@@ -78,11 +79,11 @@ def rich_residuals(evidence: Evidence) -> list[Array]:
 
 def _rich_rows(evidence: Evidence, left: Sequence[Array]) -> Iterator[tuple[int, list[Array]]]:
     """Joint after joint the columns of the rich model, and the target ``left`` (K, n) as the last, in every run."""
-    rigid = [evidence.predict_fine(evidence.base, run) for run in evidence.runs]
+    rigid = [predict_fine(evidence.base, run) for run in evidence.runs]
     for j in range(evidence.n):
         if evidence.samples[j] < 20:
             continue
-        own = [evidence.columns.rows[r][j] for r in range(len(evidence.runs))]
+        own = evidence.columns_of(j)
         rich = [run.smooth(rich_columns(run, rigid[r], j)) for r, run in enumerate(evidence.runs)]
         # A column twice would be held back by the ridge only half as much.
         new = [k for k in range(rich[0].shape[1]) if not _among(rich[0][:, k], own[0])]

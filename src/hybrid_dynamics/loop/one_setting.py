@@ -21,13 +21,12 @@ def best_setting(
 ) -> tuple[float, float]:
     """The value between ``low`` and ``high`` with which ``model`` predicts the parts left out best, and that score.
 
-    ``log``: the value is searched by its logarithm. Columns of the terms that ``model`` gives are added.
+    ``log``: the value is searched by its logarithm.
     """
 
     def loss(u: float) -> float:
         trial = model(float(np.exp(u)) if log else float(u))
-        evidence.add_terms(trial)
-        return evidence.held(trial).score
+        return evidence.adding(trial).held(trial).score
 
     ends = (np.log(low), np.log(high)) if log else (low, high)
     found = minimize_scalar(loss, bounds=ends, method="bounded", options={"maxiter": TRIALS})

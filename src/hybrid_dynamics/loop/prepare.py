@@ -102,18 +102,16 @@ def torque_step(runs: Sequence[Trajectory]) -> Array:
 def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list[Term], list[str]]:
     """Evidence for all candidates and the judge over it; notes on what was left out."""
     terms = candidates(base, logs.moving, settings)
-    evidence = Evidence(base, logs.train, terms, settings)
-    notes = _leave_out_outliers(evidence)
+    evidence, notes = _without_outliers(Evidence.of(base, logs.train, terms, settings))
     least, variance = resolution(logs, settings), logs.variance
     seen = evidence.samples >= FEWEST_ROWS
     # A rich model of few rows follows the noise; second differences see it whatever the model.
-    low = difference_floor(logs.train, evidence.base_target, evidence.mask)
+    low = difference_floor(logs.train, evidence.problem.base_target, evidence.mask)
     floor = np.where(seen, np.maximum(np.maximum(noise_floor(evidence), low), least), 0.0)
-    evidence.weigh(floor)
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
     # What rounding takes away is no news either. Where the torque goes through many steps it is part of the noise.
     misfit = np.maximum(misfit, np.where(np.sqrt(variance) < MANY_STEPS * logs.step, logs.rounded_away, 0.0))
-    return Judge(evidence, settings, floor, variance, misfit, np.maximum(low, least)), terms, notes
+    return Judge(evidence.weigh(floor), settings, floor, variance, misfit, np.maximum(low, least)), terms, notes
 
 
 def resolution(logs: Logs, settings: LoopSettings) -> Array:
@@ -167,8 +165,8 @@ def hold_out(
     return train, test, notes
 
 
-def _leave_out_outliers(evidence: Evidence) -> list[str]:
-    """Let moments that are no property of the robot count no more; one line for each."""
+def _without_outliers(evidence: Evidence) -> tuple[Evidence, list[str]]:
+    """``evidence`` in which moments that are no property of the robot count no more; one line for each."""
     found = [
         d
         for r, residual in enumerate(rich_residuals(evidence))
@@ -182,5 +180,5 @@ def _leave_out_outliers(evidence: Evidence) -> list[str]:
         )
     ]
     for d in found:
-        evidence.leave_out(d.run, slice(d.start, d.stop))
-    return describe(found, [run.name for run in evidence.runs])
+        evidence = evidence.leave_out(d.run, slice(d.start, d.stop))
+    return evidence, describe(found, [run.name for run in evidence.runs])

@@ -27,78 +27,83 @@ FEWEST_COMMON = 3
 BOUND = 1e-6
 
 
-def from_everything(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None]) -> list[Step]:
-    """Steps from all joint-wise effects of one coefficient, over the bodies they leave room for, to what is needed.
+def from_everything(
+    judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None]
+) -> tuple[Judge, list[Step]]:
+    """Steps from all joint-wise effects of one coefficient, over the bodies they leave room for, to what is needed;
+    and the judge there.
 
-    Empty where nothing acts on a single joint. Ends: bodies are only added, at most each once; then effects are only
+    No steps where nothing acts on a single joint. Ends: bodies are only added, at most each once; then effects are only
     dropped.
     """
-    evidence, settings = judge.evidence, judge.settings
     places: dict[tuple[str, int | None], Term] = {}
     for term in candidates:
         if term.family().scope == "joint" and term.family().everywhere:
             places.setdefault((term.effect, term.joint), term)
     if not places:
-        return []
+        return judge, []
     current = list(places.values())
-    refit(evidence, current)
+    judge = judge.at(current)
     current = better_settings(judge, current, candidates)
     steps = [step_of(judge, "start", None, current)]
     report(steps[-1])
     wide = [c for c in candidates if c.family().is_wide(c)]
     while wide:
-        table = rank(judge, current, wide, evidence.held(current, physical=True))
+        table = rank(judge, current, wide, judge.evidence.held(current, physical=True))
         choice = next((c for c in table if c.accepted), None)
         if choice is None:
             break
         current = joined(current, choice.term)
         wide = [c for c in wide if not same_place(c, choice.term)]
-        refit(evidence, current)
+        judge = judge.at(current)
         steps.append(step_of(judge, "add", choice.term, current, table))
         report(steps[-1])
     current = better_settings(judge, current, candidates)
     while True:
-        idle = _idle(judge, current, settings.keep_share)
+        idle = _idle(judge, current, judge.settings.keep_share)
         if not idle:
             break
         # Half of what is not needed at once, as long as that costs nothing; else one after the other.
-        full = evidence.held(current, physical=True)
+        full = judge.evidence.held(current, physical=True)
         bunch = [s for _, s in idle[: max(len(idle) // 2, 1)]]
         rest = [s for s in current if s not in bunch]
-        if len(bunch) > 1 and not judge.as_good(evidence.held(rest, physical=True), full):
+        if len(bunch) > 1 and not judge.as_good(judge.evidence.held(rest, physical=True), full):
             bunch = bunch[:1]
             rest = [s for s in current if s not in bunch]
         current = rest
-        refit(evidence, current)
+        judge = judge.at(current)
         for term in bunch:
             steps.append(step_of(judge, "drop", term, current))
             report(steps[-1])
-    return steps
+    return judge, steps
 
 
-def choose(judge: Judge, ends: Sequence[Sequence[Term]]) -> list[Term]:
-    """The best of several ends by held-out error; of those as good, the one of the lowest price.
+def choose(ends: Sequence[tuple[Judge, Sequence[Term]]]) -> tuple[Judge, list[Term]]:
+    """The best of several ends, each with its judge, by held-out error; of those as good, the one of the lowest price.
 
-    Of ends that met in the same terms the first: their errors differ by rounding alone.
+    Of ends that met in the same terms the first: their errors differ by rounding alone. Every end is scored where its
+    own model stands; whether another is as good, where the best one does.
     """
-    ends = [end for k, end in enumerate(ends) if set(end) not in map(set, ends[:k])]
-    held = [_held(judge, end) for end in ends]
+    ends = [end for k, end in enumerate(ends) if set(end[1]) not in [set(terms) for _, terms in ends[:k]]]
+    judges, models = [own.at(terms) for own, terms in ends], [terms for _, terms in ends]
+    held = [own.evidence.held(terms, physical=True) for own, terms in zip(judges, models, strict=True)]
     best = min(range(len(ends)), key=lambda k: held[k].score)
-    refit(judge.evidence, ends[best])
-    again = [judge.evidence.held(end, physical=True) for end in ends]
+    judge = judges[best].adding([term for terms in models for term in terms])
+    again = [judge.evidence.held(terms, physical=True) for terms in models]
     rivals = [
         k
         for k in range(len(ends))
         if k == best or (judge.as_good(again[k], again[best]) and judge.spares(again[k], again[best]))
     ]
-    return list(ends[min(rivals, key=lambda k: (judge.price(*ends[k]), held[k].score))])
+    chosen = min(rivals, key=lambda k: (judge.price(*models[k]), held[k].score))
+    return judges[chosen], list(models[chosen])
 
 
 def keep_sure(
     judge: Judge, current: Sequence[Term], looked: int, report: Callable[[Step], None]
-) -> tuple[list[Term], set[str], list[Step]]:
-    """Drop, least sure first, what does not exceed the level that ``looked`` candidates ask for; returns what stays,
-    the common families and the steps.
+) -> tuple[Judge, list[Term], set[str], list[Step]]:
+    """Drop, least sure first, what does not exceed the level that ``looked`` candidates ask for; returns the judge at
+    what stays, that, the common families and the steps.
 
     The noise is what the model leaves before anything is dropped: otherwise the misfit that one drop leaves behind
     would drown the next. What is kept by its gain must be of practical size in the end, too. A family that is common
@@ -113,6 +118,7 @@ def keep_sure(
     common = _common(judge, current, losses(judge, current), looked)
     while True:
         # Anew: where a law is not linear a drop moves what the linear problem stands for.
+        evidence = judge.evidence
         noise = evidence.held(current, physical=True)
         gains, full = losses(judge, kept, noise), evidence.held(kept, physical=True)
         sizes, forced = in_errors(judge, kept, evidence.fit(kept)), _forced(judge, kept)
@@ -130,10 +136,10 @@ def keep_sure(
             elif not (sure or plain or (expected and size > own and gain.total > -gain.error)):
                 weak.append((gain.total / max(gain.error * level, 1e-300), term))
         if not weak:
-            return kept, common, steps
+            return judge, kept, common, steps
         _, term = min(weak, key=lambda item: (item[0], repr(item[1])))
         kept.remove(term)
-        refit(evidence, kept)
+        judge = judge.at(kept)
         steps.append(step_of(judge, "drop", term, kept))
         report(steps[-1])
 
@@ -162,7 +168,7 @@ def _common(judge: Judge, current: Sequence[Term], gains: dict[Term, Gain], look
     moving = int((evidence.samples >= FEWEST_ROWS).sum())
     out = on_most(sure, moving)
     full = evidence.held(current, physical=True)
-    names = {t.effect for t in evidence.columns.terms if t.family().everywhere}
+    names = {t.effect for t in evidence.terms if t.family().everywhere}
     for name, terms in unsure.items():
         rest = evidence.held([t for t in current if t not in terms], physical=True)
         gain = judge.gain(full, rest)
@@ -171,25 +177,27 @@ def _common(judge: Judge, current: Sequence[Term], gains: dict[Term, Gain], look
     return out
 
 
-def without_noise(judge: Judge, current: Sequence[Term], sure: bool = False) -> list[Term]:
-    """``current`` without terms all of whose coefficients are below their own standard errors, the least first.
+def without_noise(judge: Judge, current: Sequence[Term], sure: bool = False) -> tuple[Judge, list[Term]]:
+    """``current`` without terms all of whose coefficients are below their own standard errors, the least first; and the
+    judge there.
 
     ``sure``: what every joint of an arm has must be as sure as n questions ask for, in the model as it is in the end,
     or held-out rows must miss it as surely: something else may have taken it over since it was named.
     """
-    evidence = judge.evidence
-    level = judge.level(evidence.n, len(evidence.blocks)) if sure else 1.0
+    joints = judge.evidence.n
+    level = judge.level(joints, len(judge.evidence.blocks)) if sure else 1.0
     kept = list(current)
     while True:
-        x = refit(evidence, kept)
-        sizes = in_errors(judge, kept, x)
+        fitted = refit(judge.evidence, kept)
+        judge = judge.over(fitted.evidence)
+        sizes = in_errors(judge, kept, fitted.x)
         small = {t: size for t, size in sizes.items() if size < 1.0}
         for term in (t for t, size in sizes.items() if 1.0 <= size < level and t.family().everywhere):
             gain = judge.worth(kept, term)
-            if not gain.surer_than(judge.level(evidence.n, gain.blocks)):
+            if not gain.surer_than(judge.level(joints, gain.blocks)):
                 small[term] = sizes[term] / level
         if not small:
-            return kept
+            return judge, kept
         kept.remove(min(small, key=lambda t: (small[t], repr(t))))
 
 
@@ -229,9 +237,3 @@ def _idle(judge: Judge, current: Sequence[Term], share: float) -> list[tuple[flo
         if not (loss.surer_than(1.0) and judge.matters(term, loss.per_joint, share, loss.surer_than(DECISIVE))):
             idle.append((loss.total, term))
     return sorted(idle, key=lambda item: (item[0], repr(item[1])))
-
-
-def _held(judge: Judge, terms: Sequence[Term]) -> Held:
-    """Held-out prediction with the linearisation at these terms."""
-    refit(judge.evidence, terms)
-    return judge.evidence.held(terms, physical=True)

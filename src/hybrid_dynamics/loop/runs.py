@@ -42,12 +42,13 @@ def _whole(term: Term) -> Term:
 
 def split_by_run(
     judge: Judge, current: Sequence[Term], candidates: Sequence[Term], report: Callable[[Step], None]
-) -> list[Step]:
-    """Steps of a search that starts from a whole-robot effect fitted per run; empty where that is not called for."""
+) -> tuple[Judge, list[Step]]:
+    """Steps of a search that starts from a whole-robot effect fitted per run, validated on parts of the runs, and the
+    judge at its end; no steps, and ``judge``, where that is not called for."""
     evidence = judge.evidence
     if len(evidence.runs) < 2:
-        return []
-    evidence.fold_by_time()
+        return judge, []
+    split = judge.over(evidence.fold_by_time())
     names = [run.name for run in evidence.runs]
     # What a flexible law made of the disagreement is not taken along.
     plain = [s for s in current if s.family().searched]
@@ -58,13 +59,14 @@ def split_by_run(
         if term.family().scope != "robot":
             continue
         parts = parts_of(term, names)
-        evidence.add_terms(parts)
+        split = split.adding(parts)
+        held = split.evidence.held
         others = [s for s in plain if not same_place(s, term)]
         for rest in ([], joint_wise, others):
-            trial = evidence.held([*parts, *rest])
-            pooled = evidence.held([term, *rest])
-            for rival in (evidence.held(current), pooled):
-                gain = judge.gain(trial, rival)
+            trial = held([*parts, *rest])
+            pooled = held([term, *rest])
+            for rival in (held(current), pooled):
+                gain = split.gain(trial, rival)
                 large = gain.total > DECISIVE * max(rival.score - samples, 0.0)
                 if not (
                     large and gain.surer_than(SURE) and judge.matters(term, gain.per_joint, judge.settings.floor_share)
@@ -74,12 +76,13 @@ def split_by_run(
                 if best is None or trial.score < best[0]:
                     best = trial.score, [*parts, *rest]
     if best is None:
-        return []
-    return search(judge, [c for c in candidates if c.family().searched], report, best[1])
+        return judge, []
+    return search(split, [c for c in candidates if c.family().searched], report, best[1])
 
 
-def pool(judge: Judge, terms: Sequence[Term]) -> tuple[list[Term], Array]:
-    """Terms with the parts of an effect merged, and coordinates: the others keep theirs, the merged one is refitted."""
+def pool(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term], Array]:
+    """Terms with the parts of an effect merged, and coordinates: the others keep theirs, the merged one is refitted.
+    And the judge who has their columns."""
     evidence = judge.evidence
     x = evidence.fit(terms)
     layout = evidence.layout(terms)
@@ -91,11 +94,11 @@ def pool(judge: Judge, terms: Sequence[Term]) -> tuple[list[Term], Array]:
             continue
         merged.append(whole)
         values.append(x[start : start + term.size])
-    evidence.add_terms(merged)
+    evidence = evidence.adding(merged)
     out = np.concatenate(values)
     everything = np.ones(len(evidence.blocks.rows), bool)
     for term in whole_of(terms):
         start = evidence.layout(merged).starts[merged.index(term)]
         solution, _, _ = fit_alone(evidence, merged, out, term, start, everything)
         out[start : start + term.size] = solution
-    return merged, out
+    return judge.over(evidence), merged, out

@@ -27,40 +27,43 @@ SHARE, LEAST = 0.75, 0.05
 NEAR, AGREEING = 0.5, 0.75
 
 
-def gain_for_links(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
+def gain_for_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """``chosen`` with one gain for all joints beside all links' parameters, where those change mostly by one factor.
 
     The links keep what the factor leaves of their change, gains of single joints what makes them differ. Nothing
     changes where held-out samples are predicted worse.
     """
-    evidence = judge.evidence
     gain, links = _gain_beside_links(judge, chosen)
     if gain is None or not _surely_one_factor(judge, chosen, links):
-        return list(chosen)
-    evidence.add_terms([gain])
-    refit(evidence, chosen, everything=True)
-    trial = [*chosen, gain]
-    good = judge.as_good(evidence.held(trial, physical=True), evidence.held(chosen, physical=True))
-    return trial if good and take(judge, chosen, trial) else list(chosen)
+        return judge, list(chosen)
+    return _where_as_good(judge.adding([gain]).at(chosen), chosen, [*chosen, gain])
 
 
-def links_for_gain(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
+def links_for_gain(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """``chosen`` with all links' parameters in the place of a gain of all joints that is no more than what links that
     are off each in its own way have in common.
 
     One number for all joints is cheap, so a search takes it for a few heavier links. Nothing changes where the links
     predict held-out samples worse, or may not be named.
     """
-    evidence = judge.evidence
     gain = _gain(judge)
-    links = [t for t in evidence.columns.terms if t.family().all_links]
+    links = [t for t in judge.evidence.terms if t.family().all_links]
     if gain not in chosen or not links or any(t in chosen for t in links):
-        return list(chosen)
+        return judge, list(chosen)
     trial = joined([t for t in chosen if t != gain], links[0])
-    a_gain = _surely_one_factor(judge, trial, links[:1])
-    refit(evidence, chosen)
-    good = not a_gain and judge.as_good(evidence.held(trial, physical=True), evidence.held(chosen, physical=True))
-    return trial if good and take(judge, chosen, trial) else list(chosen)
+    if _surely_one_factor(judge, trial, links[:1]):
+        return judge, list(chosen)
+    return _where_as_good(judge.at(chosen), chosen, trial)
+
+
+def _where_as_good(judge: Judge, chosen: Sequence[Term], trial: list[Term]) -> tuple[Judge, list[Term]]:
+    """``trial`` in the place of ``chosen``, where ``judge`` stands, if it predicts held-out samples as well."""
+    held = judge.evidence.held
+    if judge.as_good(held(trial, physical=True), held(chosen, physical=True)):
+        there = take(judge, chosen, trial)
+        if there is not None:
+            return there, trial
+    return judge, list(chosen)
 
 
 def gain_instead(judge: Judge, chosen: Sequence[Term], x: Array) -> Term | None:
@@ -80,9 +83,9 @@ def _gain_beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Term | Non
 
 def _surely_one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term]) -> bool:
     """Whether ``links`` change by one factor, and by more than the scatter of links makes it by chance."""
-    evidence = judge.evidence
-    x = refit(evidence, chosen)
-    multiple = _one_factor(judge, chosen, links, x)
+    fitted = refit(judge.evidence, chosen)
+    evidence, x = fitted.evidence, fitted.x
+    multiple = _one_factor(judge.over(evidence), chosen, links, x)
     if multiple is None:
         return False
     factor = common_factor(evidence, chosen, x, evidence.covariance(chosen, x))
@@ -110,7 +113,8 @@ def _one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term], x: 
         if term in links:
             only[start : start + term.size] = x[start : start + term.size]
     product, own, whole = (np.zeros(evidence.n) for _ in range(3))
-    for mask, torque, change in zip(evidence.mask, evidence.base_torque, evidence.linear(chosen, only), strict=True):
+    torques = evidence.problem.base_torque
+    for mask, torque, change in zip(evidence.mask, torques, evidence.linear(chosen, only), strict=True):
         product += np.sum(mask * change * torque, axis=0)
         own += np.sum(mask * torque**2, axis=0)
         whole += np.sum(mask * change**2, axis=0)

@@ -17,7 +17,6 @@ import numpy as np
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_sign
-from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
 from hybrid_dynamics.loop.pairs import pair_on_a_joint
@@ -60,10 +59,10 @@ def search(
     report: Callable[[Step], None],
     start: Sequence[Term] = (),
     replacing: bool = True,
-) -> list[Step]:
-    """Stepwise search, forward and backward, from ``start``, with replacements unless told otherwise; returns the steps
-    taken."""
-    evidence, settings = judge.evidence, judge.settings
+) -> tuple[Judge, list[Step]]:
+    """Stepwise search, forward and backward, from ``start``, with replacements unless told otherwise; returns the judge
+    at its end and the steps taken."""
+    settings = judge.settings
     current: list[Term] = list(start)
     steps: list[Step] = []
     seen: set[frozenset[Term]] = {frozenset(current)}
@@ -75,7 +74,7 @@ def search(
         report(steps[-1])
 
     while True:
-        before = evidence.held(current, physical=True)
+        before = judge.evidence.held(current, physical=True)
         open_to = [c for c in candidates if dropped[c] < MOST_DROPS]
         table = rank(judge, current, open_to, before)
         room = len(current) < settings.max_effects
@@ -100,32 +99,30 @@ def search(
                 break
             trial = replaced
         seen.add(frozenset(trial))
-        if not take(judge, current, trial):
+        taken = take(judge, current, trial)
+        if taken is None:
             continue
-        current[:] = trial
+        judge, current = taken, list(trial)
         record(action, added, table)
-        current[:] = better_settings(judge, current, candidates)
+        current = better_settings(judge, current, candidates)
         while (useless := _useless(judge, current)) is not None:
-            current.remove(useless)
+            current = [s for s in current if s != useless]
             dropped[useless] += 1
             seen.add(frozenset(current))
-            refit(evidence, current, everything=True)
+            judge = judge.at(current)
             record("drop", useless)
-    return steps
+    return judge, steps
 
 
-def take(judge: Judge, current: Sequence[Term], trial: Sequence[Term]) -> bool:
-    """Re-fit ``trial``; back to ``current``, and False, where it does not keep what its tangent promised.
+def take(judge: Judge, current: Sequence[Term], trial: Sequence[Term]) -> Judge | None:
+    """The judge at ``trial``; None where that does not keep what its tangent at ``current`` promised.
 
     Candidates are judged with every law linear where the model stands; the law as it is may end far from there.
     """
-    evidence = judge.evidence
-    limit = max(evidence.held(terms, physical=True).score for terms in (current, trial))
-    refit(evidence, trial, everything=True)
-    if evidence.held(trial, physical=True).score <= (1 + BROKEN_PROMISE) * limit:
-        return True
-    refit(evidence, current, everything=True)
-    return False
+    limit = max(judge.evidence.held(terms, physical=True).score for terms in (current, trial))
+    there = judge.at(trial)
+    kept = there.evidence.held(trial, physical=True).score <= (1 + BROKEN_PROMISE) * limit
+    return there if kept else None
 
 
 def better_settings(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
@@ -144,24 +141,18 @@ def better_settings(judge: Judge, current: Sequence[Term], candidates: Sequence[
     return best
 
 
-def choose_signs(judge: Judge, current: Sequence[Term]) -> list[Term]:
+def choose_signs(judge: Judge, current: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """Friction whose sign turns over, joint by joint, as predicts standing rows best, where moving rows leave it open.
 
     What a joint does below the slow speed has no say in what is named; but of two settings that are as good above it
     the one is kept that is also right below. Friction of the starting model stays as it is.
     """
+    turning = [s for s in current if s.family().turns_sign and not judge.evidence.in_base(s)]
+    further = displacement_settings(judge.settings.sign_displacements)
+    judge = judge.adding([replace(s, settings=with_sign(s.settings, way)) for s in turning for way in further])
+    judge, best = judge.at(current), list(current)
     evidence = judge.evidence
-    turning = [s for s in current if s.family().turns_sign and not evidence.in_base(s)]
-    evidence.add_terms(
-        [
-            replace(s, settings=with_sign(s.settings, way))
-            for s in turning
-            for way in displacement_settings(judge.settings.sign_displacements)
-        ]
-    )
-    best = list(current)
-    refit(evidence, best)
-    ways = sorted({sign_part(s.settings) for s in evidence.columns.terms if s.family().turns_sign})
+    ways = sorted({sign_part(s.settings) for s in evidence.terms if s.family().turns_sign})
     for joint in sorted({s.index for s in turning}):
         own = [i for i, s in enumerate(best) if s.joint == joint and s in turning]
         reference = evidence.held(best)
@@ -177,7 +168,7 @@ def choose_signs(judge: Judge, current: Sequence[Term]) -> list[Term]:
             value = evidence.held_out_all_rows(trial, joint)
             if value < error:
                 best, error = trial, value
-    return best
+    return judge, best
 
 
 def _useless(judge: Judge, current: Sequence[Term]) -> Term | None:

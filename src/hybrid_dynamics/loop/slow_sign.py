@@ -12,7 +12,6 @@ from dataclasses import replace
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.sign import WIDTH, with_sign
-from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge
@@ -21,8 +20,9 @@ from hybrid_dynamics.loop.trace import Judge
 WIDEST, OF_FASTEST = 1.0, 0.4
 
 
-def slow_signs(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
-    """``chosen`` with a smooth step in the place of what stands for one, joint by joint, where it predicts better.
+def slow_signs(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with a smooth step in the place of what stands for one, joint by joint, where it predicts better; and
+    the judge there.
 
     The step costs two numbers, its width being one; it comes in only where the whole model costs no more with it.
     """
@@ -39,11 +39,15 @@ def slow_signs(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
             for gone in ([*curved, *dry], [*curved, *dry, *viscous])
             if (step := _best_step(judge, rest := [t for t in out if t not in gone], joint)) is not None
         ]
-        trial = _simplest(judge, [t for t in trials if judge.price(*t) <= room])
-        if trial and judge.evidence.held(trial, physical=True).score < judge.evidence.held(out, physical=True).score:
-            out = trial if take(judge, out, trial) else out
-    refit(judge.evidence, out)
-    return out
+        trials = [t for t in trials if judge.price(*t) <= room]
+        trial = _simplest(judge.adding([term for trial in trials for term in trial]), trials)
+        # What was tried and not taken leaves nothing behind: its sign would be a choice later on.
+        offered = judge.adding(trial)
+        held = offered.evidence.held
+        if trial and held(trial, physical=True).score < held(out, physical=True).score:
+            there = take(offered, out, trial)
+            judge, out = (judge, out) if there is None else (there, trial)
+    return judge.at(out), out
 
 
 def _simplest(judge: Judge, trials: Sequence[list[Term]]) -> list[Term]:
@@ -76,8 +80,8 @@ def _stands_for_one(term: Term, widest: float) -> bool:
 def _best_step(judge: Judge, rest: Sequence[Term], joint: int) -> Term | None:
     """The dry friction of ``joint`` beside ``rest`` with the width that predicts best; None where that is no width."""
     evidence = judge.evidence
-    offered = [t for t in evidence.columns.terms if t.joint == joint and _is_dry(t)]
-    low, high = max(judge.settings.sign_widths), min(WIDEST, OF_FASTEST * float(evidence.fastest[joint]))
+    offered = [t for t in evidence.terms if t.joint == joint and _is_dry(t)]
+    low, high = max(judge.settings.sign_widths), min(WIDEST, OF_FASTEST * float(evidence.problem.fastest[joint]))
     if not offered or not 0.0 < low < high:
         return None
 

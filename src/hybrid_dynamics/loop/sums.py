@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from hybrid_dynamics.loop.gram import BlockGrams
 from hybrid_dynamics.types import Array
 
 
+@dataclass(frozen=True)
 class FoldSums:
     """Per joint j: ``full[j]`` (size, size), the sum of all blocks; ``own[j]`` (folds, size, size), of each fold's;
     ``others[j]`` (folds, size, size), of those that the fold is predicted from.
@@ -18,30 +20,39 @@ class FoldSums:
     Where a fold ends inside a run, the block next to it is left out of its fit: neighbours are not independent.
     """
 
-    def __init__(self, grams: Sequence[BlockGrams], folds: Folds) -> None:
-        self._folds = folds.number
-        #: Folds, and what borders on them, times blocks: one product sums them all.
-        self._chosen = np.zeros((2 * folds.number, len(folds.blocks)))
+    full: tuple[Array, ...]
+    own: tuple[Array, ...]
+    others: tuple[Array, ...]
+    #: Folds, and what borders on them, times blocks (2 folds, blocks): one product sums them all.
+    _chosen: Array
+
+    @classmethod
+    def of(cls, grams: Sequence[BlockGrams], folds: Folds) -> FoldSums:
+        """Those of ``grams``, one a joint."""
+        chosen = np.zeros((2 * folds.number, len(folds.blocks)))
         for f, (own, edge) in enumerate(zip(folds.own, folds.edges, strict=True)):
-            self._chosen[f, own] = 1.0
-            self._chosen[folds.number + f, edge] = 1.0
-        self.full: list[Array] = [np.empty(0)] * len(grams)
-        self.own, self.others = self.full.copy(), self.full.copy()
-        for j, gram in enumerate(grams):
-            self.renew(j, gram)
+            chosen[f, own] = 1.0
+            chosen[folds.number + f, edge] = 1.0
+        none = (np.empty(0),) * len(grams)
+        return cls(none, none, none, chosen).renewed(grams, dict.fromkeys(range(len(grams))))
 
-    def renew(self, joint: int, gram: BlockGrams) -> None:
-        """Sum all of ``gram``, that of ``joint``, anew."""
-        self.full[joint], self.own[joint], self.others[joint] = self._parts(gram.totals(self._chosen))
-
-    def renew_columns(self, joint: int, gram: BlockGrams, columns: Indices) -> None:
-        """The same where only the products of ``columns`` with the others have changed."""
-        old = self.full[joint], self.own[joint], self.others[joint]
-        for sums, new in zip(old, self._parts(gram.column_totals(columns, self._chosen)), strict=True):
-            sums[..., columns, :], sums[..., columns] = new, new.swapaxes(-1, -2)
+    def renewed(self, grams: Sequence[BlockGrams], changed: Mapping[int, Indices | None]) -> FoldSums:
+        """The same for ``grams``, of which those of the joints ``changed`` are others: in these columns, or in all."""
+        parts = list(zip(self.full, self.own, self.others, strict=True))
+        for j, columns in changed.items():
+            if columns is None:
+                parts[j] = self._parts(grams[j].totals(self._chosen))
+                continue
+            copies = tuple(part.copy() for part in parts[j])
+            for sums, new in zip(copies, self._parts(grams[j].column_totals(columns, self._chosen)), strict=True):
+                sums[..., columns, :], sums[..., columns] = new, new.swapaxes(-1, -2)
+            parts[j] = (copies[0], copies[1], copies[2])
+        full, own, others = zip(*parts, strict=True)
+        return FoldSums(full, own, others, self._chosen)
 
     def _parts(self, sums: Array) -> tuple[Array, Array, Array]:
         """All blocks, those of each fold, and those that it is predicted from; ``sums`` of what is chosen."""
-        own, edge = sums[: self._folds], sums[self._folds :]
+        folds = len(self._chosen) // 2
+        own, edge = sums[:folds], sums[folds:]
         full = own.sum(axis=0)
         return full, own, full - own - edge

@@ -63,7 +63,7 @@ def misfit_covariance(evidence: Evidence, terms: Sequence[Term], x: Array, norma
     if evidence.base.misfit is None:
         return np.zeros((1, 1))
     misfit = np.asarray(evidence.base.misfit, float) ** 2
-    noise = difference_floor(evidence.runs, evidence.base_target, evidence.mask) ** 2
+    noise = difference_floor(evidence.runs, evidence.problem.base_target, evidence.mask) ** 2
     off = np.maximum(misfit - noise, evidence.settings.floor_share * misfit)
     spread, _ = _by_block(evidence, terms, x, evidence.weights**2 * off * evidence.samples / SHAPES)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -113,7 +113,7 @@ def _covariance(evidence: Evidence, terms: Sequence[Term], x: Array) -> tuple[Ar
     layout = evidence.layout(terms)
     parts, scores = _by_block(evidence, terms, x, evidence.weights)
     normal = parts.sum(axis=0)
-    normal[: layout.total, : layout.total] = evidence.normal(layout, evidence.sums.full)[0]
+    normal[: layout.total, : layout.total] = evidence.normal(layout)[0]
     return covariance_of(normal, parts, scores, evidence.blocks.run), normal
 
 
@@ -129,11 +129,12 @@ def _by_block(evidence: Evidence, terms: Sequence[Term], x: Array, weights: Arra
     residuals = evidence.residuals(terms, x)
     new = np.arange(p, p + m)
     for j, (position, column) in enumerate(evidence.indices(layout)):
+        columns = evidence.columns_of(j, column)
         for b, (low, high) in enumerate(evidence.blocks.rows):
             r = evidence.blocks.run[b]
             counted = evidence.mask[r][low:high, j]
             own = tangents[r][low:high, j][counted]
-            known = evidence.columns.rows[r][j][low:high][counted][:, column]
+            known = columns[r][low:high][counted]
             cross = weights[j] * known.T @ own
             parts[b][np.ix_(position, new)] += cross
             parts[b][np.ix_(new, position)] += cross.T

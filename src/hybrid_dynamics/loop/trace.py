@@ -8,7 +8,7 @@ accepted when its gain is certain and large enough to matter.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.blocks import block_starts
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
@@ -77,7 +78,10 @@ class Gain:
 
 @dataclass(frozen=True)
 class Judge:
-    """Decides what a change of held-out error is worth.
+    """Decides what a change of held-out error is worth, as of the linearisation that ``evidence`` stands at.
+
+    A value: to stand at another model makes another judge. What moves a search on to another model returns the judge
+    who stands there, first of what it returns.
 
     ``misfit`` (n,) [N m] is what the starting model was known to be off by on other runs, or what the steps of the
     recorded torque round away: a smaller change is no news.
@@ -91,6 +95,18 @@ class Judge:
     misfit: Array
     low: Array
 
+    def at(self, terms: Sequence[Term]) -> Judge:
+        """Where the model with ``terms``, re-fitted from here, stands."""
+        return self.over(refit(self.evidence, terms).evidence)
+
+    def adding(self, terms: Sequence[Term]) -> Judge:
+        """Where it stands, with the columns of ``terms``."""
+        return self.over(self.evidence.adding(terms))
+
+    def over(self, evidence: Evidence) -> Judge:
+        """The same over another ``evidence``."""
+        return replace(self, evidence=evidence)
+
     def gain(self, new: Held, old: Held, noise: Held | None = None) -> Gain:
         """Gain of ``new`` over ``old`` and its uncertainty, given the motion.
 
@@ -101,7 +117,7 @@ class Judge:
         """
         weights = self.evidence.weights
         left = new if noise is None else noise
-        cross = left.change(old, new)
+        cross = self.evidence.change(left, old, new)
         gain = old.joint_errors - new.joint_errors
         error, blocks = block_error(cross @ weights, self.evidence.blocks.run)
         per_joint = gain / np.maximum(self.evidence.samples, 1)
@@ -137,7 +153,7 @@ class Judge:
         out: list[Term] = []
         for name in term.family().beside:
             for joint in np.flatnonzero(evidence.acts(term)):
-                own = [t for t in evidence.columns.terms if t.effect == name and t.joint == joint]
+                own = [t for t in evidence.terms if t.effect == name and t.joint == joint]
                 offered = [t for t in own if ONLY_RUN not in t.options]
                 if offered and not has_family(terms, name, int(joint)):
                     out.append(min(offered, key=lambda t: (evidence.held([*terms, t]).score, term_order(t))))

@@ -30,26 +30,26 @@ WEIGHED = 4
 BETTER = 1.0
 
 
-def widened(judge: Judge, chosen: Sequence[Term]) -> list[Term]:
+def widened(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """``chosen`` with all links' parameters in the place of bodies, where one of these is beyond belief or several are
     named.
 
     What is estimated beside all links stands beside them here, too: a link bends itself for a constant torque.
     """
-    evidence = judge.evidence
-    links = [t for t in evidence.columns.terms if t.family().all_links]
+    links = [t for t in judge.evidence.terms if t.family().all_links]
     bodies = [t for t in chosen if t.family().is_body]
     if not links or links[0] in bodies or not bodies:
-        return list(chosen)
-    unbelieved = beyond_belief(judge, chosen, refit(evidence, chosen)) > BELIEVED
+        return judge, list(chosen)
+    fitted = refit(judge.evidence, chosen)
+    unbelieved = beyond_belief(judge, chosen, fitted.x) > BELIEVED
     if not unbelieved and len(bodies) < 2:
-        return list(chosen)
+        return judge, list(chosen)
     trial = joined(chosen, links[0])
-    together = [*trial, *beside_links(judge, trial)]
-    refit(evidence, chosen, everything=True)
+    judge, beside = beside_links(judge.over(fitted.evidence), trial)
+    together, evidence = [*trial, *beside], judge.evidence
     gain = judge.gain(evidence.held(together, physical=True), evidence.held(chosen, physical=True))
-    better = gain.surer_than(0.0 if unbelieved else BETTER)
-    return trial if better and take(judge, chosen, together) else list(chosen)
+    there = take(judge, chosen, together) if gain.surer_than(0.0 if unbelieved else BETTER) else None
+    return (judge, list(chosen)) if there is None else (there, trial)
 
 
 def beyond_belief(judge: Judge, chosen: Sequence[Term], x: Array) -> float:

@@ -20,7 +20,7 @@ from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.identification import LeastSquares, LeastSquaresSettings
 from hybrid_dynamics.loop import LoopResult
-from hybrid_dynamics.loop.augment import model_of
+from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.identifiability import undetermined
@@ -193,9 +193,9 @@ def scatter(
     terms = [effect.term(robot) for effect in model.effects]
     fits = []
     for piece in pieces:
-        evidence = Evidence(Model(robot), [piece], terms, settings)
-        fitted = model_of(evidence, terms).effects
-        fits.append([(e, undetermined(evidence, terms, s)) for e, s in zip(fitted, terms, strict=True)])
+        fitted = refit(Evidence.of(Model(robot), [piece], terms, settings), terms)
+        named = zip(fitted.model().effects, terms, strict=True)
+        fits.append([(e, undetermined(fitted.evidence, terms, s)) for e, s in named])
     rows = []
     for k, effect in enumerate(model.effects):
         kind = family(effect.effect)

@@ -1,0 +1,184 @@
+"""What one loop is given and never changes: the starting model, the runs, their motion, and what follows from them.
+
+What is kept besides (torques of the last models, priors, constraints) follows from these alone and changes no answer.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from hybrid_dynamics.effects import Effect, Motion, Term
+from hybrid_dynamics.effects.acting import late
+from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.loop.blocks import Blocks, folds_of
+from hybrid_dynamics.loop.layout import Layout, make_room
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.physics import physical_constraints
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.loop.solve import Constraints
+from hybrid_dynamics.types import Array
+
+#: Models of which the torque at all states of a run is kept: a step that was tried and the one it was tried from.
+KEPT = 2
+
+
+def model_in(base: Model, effects: Sequence[Effect], run: Run) -> Model:
+    """``base`` with those of ``effects`` that act in ``run``."""
+    return base.adding(e for e in effects if e.settings.get(ONLY_RUN) in (None, run.name))
+
+
+def predict_fine(model: Model, run: Run) -> Array:
+    """Prediction at the states of ``run``, not yet smoothed (M, n) [N m]."""
+    m = run.motion
+    return model.predict(m.q, m.dq, m.ddq, m.time)
+
+
+class Problem:
+    """The starting model ``base``, the training ``runs`` and the ``settings`` of a loop, and what follows from them.
+
+    ``robot``: the one of ``base``, its bodies as far as they are known; ``folds``: those of the beginning;
+    ``base_target``: torque (K, n) [N m] that ``base`` leaves in every run; ``fastest`` (n,) [rad/s] speeds in the runs.
+    """
+
+    def __init__(self, base: Model, runs: Sequence[Run], settings: LoopSettings) -> None:
+        self.base, self.runs, self.settings = base, tuple(runs), settings
+        self.robot = base.completed_robot
+        self.n = self.robot.n_joints
+        #: True where effects of the starting model follow the load, and so every change of the rigid body.
+        self.base_follows_load = any(e.term(base.robot).family().uses_load for e in base.effects)
+        #: What the starting model says the torque is read too large by, where it says so: columns are read like it.
+        self._read = None if np.all(base.readings.gain == 1.0) else base.readings.gain
+        self.fastest = np.max([np.abs(run.dq).max(axis=0) for run in self.runs], axis=0)
+        self.folds = folds_of(self.runs, settings)
+        self._asked: list[deque[tuple[Model, tuple[Array, Array]]]] = [deque(maxlen=KEPT) for _ in self.runs]
+        self._shares: dict[int, Array] = {}
+        self._priors: dict[Term, Array] = {}
+        self._constraints: dict[Layout, Constraints] = {}
+
+    @property
+    def blocks(self) -> Blocks:
+        """The runs in blocks of time."""
+        return self.folds.blocks
+
+    @cached_property
+    def base_target(self) -> tuple[Array, ...]:
+        """Torque (K, n) [N m] of every run that the starting model leaves."""
+        return self.left([])
+
+    @cached_property
+    def base_torque(self) -> tuple[Array, ...]:
+        """Smoothed torque (K, n) [N m] of the starting model in every run."""
+        return tuple(run.tau - left for run, left in zip(self.runs, self.base_target, strict=True))
+
+    @cached_property
+    def base_places(self) -> dict[Term, Array]:
+        """Coordinates of the effects of single joints that the starting model has."""
+        out: dict[Term, Array] = {}
+        for effect in self.base.effects:
+            term = effect.term(self.base.robot)
+            if term.family().scope == "joint":
+                own = term.family().coordinates_of(effect.parameters, self.base.robot, term)
+                out[term] = out.get(term, np.zeros(len(own))) + own
+        return out
+
+    # -- torques of a model -----------------------------------------------------------------------------------------
+    def left(self, effects: Sequence[Effect]) -> tuple[Array, ...]:
+        """Torque (K, n) [N m] of every run that the starting model with ``effects``, laws as they are, leaves."""
+        models = [model_in(self.base, effects, run) for run in self.runs]
+        fine = [m.recorded(self.torques(m, r)[1], self.runs[r].motion.time) for r, m in enumerate(models)]
+        return tuple(run.tau - run.smooth(own) for run, own in zip(self.runs, fine, strict=True))
+
+    def torques(self, model: Model, r: int) -> tuple[Array, Array]:
+        """:meth:`Model.acting_torques` of the states of run number ``r``.
+
+        Those of the last models are kept: a fit asks for the same ones at the end of a step and for its next tangent.
+        """
+        for kept, torques in self._asked[r]:
+            if kept.robot is model.robot and kept.effects == model.effects:
+                return torques
+        m = self.runs[r].motion
+        torques = model.acting_torques(m.q, m.dq, m.ddq, m.time)
+        self._asked[r].append((model, torques))
+        return torques
+
+    # -- columns of a term ------------------------------------------------------------------------------------------
+    def motions(self, effects: Sequence[Effect], terms: Sequence[Term]) -> list[Motion]:
+        """Motion of every run with what columns of ``terms`` are made of: where they ask for it the regressor, and the
+        load and torque of the starting model with ``effects``."""
+        kinds = [term.family() for term in terms]
+        torque, loaded = any(k.uses_torque for k in kinds), any(k.uses_load for k in kinds)
+        regressor = any(k.by_regressor for k in kinds)
+        out = []
+        for r, run in enumerate(self.runs):
+            motion = self._with_regressor(r) if regressor else run.motion
+            if torque or loaded:
+                model = model_in(self.base, effects, run)
+                load, own = self.torques(model, r)
+                # As late as it is recorded: noise of the motion stands in the column and in what is left, and at
+                # different instants it would pull the delay towards none.
+                given = late(own, motion.time, model.readings) if torque else None
+                lag = model.readings.lag
+                motion = replace(motion, given_load=load if loaded else None, given_torque=given, given_lag=lag)
+            out.append(motion)
+        return out
+
+    def smoothed(self, term: Term, motions: Sequence[Motion]) -> list[Array]:
+        """Columns of ``term`` in every run, (K, p) of its joint or (K, n, p), given their :meth:`motions`."""
+        out, only = [], term.options.get(ONLY_RUN)
+        for r, (run, motion) in enumerate(zip(self.runs, motions, strict=True)):
+            columns = term.family().columns(motion, term)
+            if self._read is not None:
+                columns = columns * (self._read[:, None] if columns.ndim == 3 else self._read[term.index])
+            if not term.family().by_regressor:
+                if self.base_follows_load and term.family().changes_body:
+                    share = self._share(r)
+                    columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [term.index]])
+                columns = run.smooth(columns)
+            out.append(columns if only in (None, run.name) else np.zeros_like(columns))
+        return out
+
+    def _with_regressor(self, r: int) -> Motion:
+        """Motion of run number ``r`` with its smoothed regressor, and in that what the starting model makes of a load.
+
+        Computed piece by piece: at the rate of the log, and once for every term, it would be most of the memory.
+        """
+        run, whole = self.runs[r], self.runs[r].motion
+        share = self._share(r)[:, :, None] if self.base_follows_load else None
+        out = np.empty((len(run.time), self.n, 10 * self.n))
+        for rows, states in run.pieces():
+            part = whole.robot.regressor(whole.q[states], whole.dq[states], whole.ddq[states])
+            out[rows] = run.smooth(part if share is None else part * share[states])
+        return replace(whole, given_regressor=out)
+
+    def _share(self, r: int) -> Array:
+        """(M, n) by how much more than itself a load moves the starting model's torque in run number ``r``."""
+        if r not in self._shares:
+            m = self.runs[r].motion
+            self._shares[r] = 1.0 + self.base.load_derivative(m.q, m.dq, m.ddq)
+        return self._shares[r]
+
+    # -- what is known of coordinates beforehand --------------------------------------------------------------------
+    def constraints(self, layout: Layout) -> Constraints:
+        """What physics asks of the coordinates of ``layout``."""
+        if layout not in self._constraints:
+            make_room(self._constraints)
+            self._constraints[layout] = physical_constraints(
+                layout.terms, layout.starts, layout.total, self.base_places, self.robot, self.fastest
+            )
+        return self._constraints[layout]
+
+    def prior(self, layout: Layout) -> Array:
+        """(p,): one over the square of what a coordinate of ``layout`` may plausibly be."""
+        return np.concatenate([np.zeros(0), *(self._prior(term) for term in layout.terms)])
+
+    def _prior(self, term: Term) -> Array:
+        """Weight (p,) that holds the coordinates of ``term`` to zero."""
+        if term not in self._priors:
+            self._priors[term] = 1.0 / term.family().prior_scale(self.robot, term) ** 2
+        return self._priors[term]
