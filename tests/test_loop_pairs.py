@@ -63,11 +63,11 @@ def test_a_pair_is_found_where_no_single_effect_comes_in(
     pair = pair_on_a_joint(judge, start, terms, before, set())
     assert pair is not None
     assert {t.effect for t in pair} == truth
-    found = search(judge, terms, lambda step: None, start)[-1].terms
+    found = search(judge, terms, lambda step: None, start)[1][-1].terms
     assert {t.effect for t in found if t.joint == 0} == truth
     # Control: one at a time the search stops before both.
     monkeypatch.setattr(search_module, "pair_on_a_joint", lambda *_: None)
-    alone = search(judge, terms, lambda step: None, start, replacing=False)[-1].terms
+    alone = search(judge, terms, lambda step: None, start, replacing=False)[1][-1].terms
     assert {t.effect for t in alone if t.joint == 0} == {"coulomb_friction"}
 
 
