@@ -296,7 +296,7 @@ class Evidence:
         """Coordinates under ``constraints``; those that must lie on a surface are held to its tangent plane, twice."""
         full = physical and not layout.on_surfaces
         x = solve(a, b, constraints) if full else solve_bounded(a, b, constraints.lower)
-        for _ in range(2 if layout.on_surfaces else 0):
+        for last in (False, True) if layout.on_surfaces else ():
             stiff, target = a.copy(), b.copy()
             for term, start in layout.on_surfaces:
                 own = slice(start, start + term.size)
@@ -304,7 +304,9 @@ class Evidence:
                 weight = STIFF * float(np.diag(a)[own].max())
                 stiff[own, own] += weight * np.outer(normal, normal)
                 target[own] += weight * value * normal
-            x = solve(stiff, target, constraints) if physical else solve_bounded(stiff, target, constraints.lower)
+            # Where the tangent plane lies bodies hardly matter.
+            full = physical and last
+            x = solve(stiff, target, constraints) if full else solve_bounded(stiff, target, constraints.lower)
         return x
 
     def errors(self, terms: Sequence[Term], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:

@@ -120,8 +120,13 @@ def keep_sure(
         # Anew: where a law is not linear a drop moves what the linear problem stands for.
         evidence = judge.evidence
         noise = evidence.held(current, physical=True)
-        gains, full = losses(judge, kept, noise), evidence.held(kept, physical=True)
         sizes, forced = in_errors(judge, kept, evidence.fit(kept)), _forced(judge, kept)
+        asked = kept
+        if evidence.constrained(kept):
+            strict, share = judge.level(looked, len(evidence.blocks)), judge.settings.keep_share
+            asked = [t for t in kept if t in forced or not judge.plainly_needed(kept, t, strict, share)]
+        gains = {term: judge.worth(kept, term, noise) for term in asked}
+        full = evidence.held(kept, physical=True)
         weak = []
         for term, gain in gains.items():
             expected = term.effect in common and term.joint is not None
@@ -233,7 +238,11 @@ def on_most(sits: Counter[str], moving: int) -> set[str]:
 def _idle(judge: Judge, current: Sequence[Term], share: float) -> list[tuple[float, Term]]:
     """Effects without which the held-out error hardly grows, least needed first."""
     idle = []
-    for term, loss in losses(judge, current).items():
+    active = judge.evidence.constrained(current)
+    for term in current:
+        if active and judge.plainly_needed(current, term, DECISIVE, share):
+            continue
+        loss = judge.worth(current, term)
         if not (loss.surer_than(1.0) and judge.matters(term, loss.per_joint, share, loss.surer_than(DECISIVE))):
             idle.append((loss.total, term))
     return sorted(idle, key=lambda item: (item[0], repr(item[1])))

@@ -180,6 +180,8 @@ def _useless(judge: Judge, current: Sequence[Term]) -> Term | None:
     full = evidence.held(current, active)
     worst: tuple[float, Term] | None = None
     for term in current:
+        if active and judge.plainly_needed(current, term, DECISIVE, settings.keep_share):
+            continue
         rest = [s for s in current if s != term]
         if term.family().beside:
             loss = judge.worth(current, term)

@@ -54,6 +54,10 @@ NIBBLE, NIBBLE_KEPT = 0.25, 0.15
 MOST_LOSS = 0.1
 #: A gain of this many standard errors is no accident, wherever it shows.
 DECISIVE = 3.0
+#: A gain this many times as sure and as large as is asked for is so with bodies held physical, too.
+BY_FAR = 3.0
+#: Of the rows that are judged, so many of the best under bounds alone first, where every fit takes a while.
+FIRST_ROWS = 5
 
 
 def same_place(a: Term, b: Term) -> bool:
@@ -123,14 +127,26 @@ class Judge:
         per_joint = gain / np.maximum(self.evidence.samples, 1)
         return Gain(float(gain @ weights), 2.0 * error, np.asarray(per_joint), blocks)
 
-    def worth(self, terms: Sequence[Term], term: Term, noise: Held | None = None) -> Gain:
+    def worth(self, terms: Sequence[Term], term: Term, noise: Held | None = None, physical: bool = True) -> Gain:
         """What ``term`` of ``terms`` gains over none, or over the plain effects of its joints that it could stand for,
-        whichever is less."""
+        whichever is less; ``physical``: of fits with bodies and friction held so."""
         held = self.evidence.held
-        full, rest = held(terms, physical=True), [t for t in terms if t != term]
+        full, rest = held(terms, physical), [t for t in terms if t != term]
         plain = self.beside(rest, term)
         rivals = [rest, [*rest, *plain]] if plain else [rest]
-        return min((self.gain(full, held(rival, physical=True), noise) for rival in rivals), key=lambda g: g.total)
+        return min((self.gain(full, held(rival, physical), noise) for rival in rivals), key=lambda g: g.total)
+
+    def plainly_needed(self, terms: Sequence[Term], term: Term, errors: float, share: float) -> bool:
+        """True where fits under bounds alone miss ``term`` of ``terms`` by far: by much more than ``errors`` standard
+        errors and ``share`` squared floors. Fits with bodies held physical would say the same, in a hundred times as
+        long."""
+        gain = self.worth(terms, term, physical=False)
+        after = self.evidence.held(terms)
+        return (
+            gain.surer_than(BY_FAR * max(errors, 1.0))
+            and self.matters(term, gain.per_joint, BY_FAR * share)
+            and not self.nibbles(term, gain, after, BY_FAR * NIBBLE_KEPT)
+        )
 
     def nibbles(self, term: Term, gain: Gain, after: Held, share: float) -> bool:
         """True where an effect of the further families takes less than ``share`` of what was left where it acts.
@@ -270,9 +286,14 @@ def rank(judge: Judge, current: Sequence[Term], candidates: Sequence[Term], befo
         # Every physical fit takes a while then: the best under bounds alone are looked at.
         screened = {c: evidence.held(joined(current, c)).score for c in free}
         free = sorted(free, key=lambda c: (screened[c], term_order(c)))[:TABLE_ROWS]
-    held = {c: evidence.held(joined(current, c), physical=True) for c in free}
-    order = sorted(held, key=lambda s: (held[s].score, s.size, term_order(s)))[:TABLE_ROWS]
-    rows = {s: _judged(judge, s, joined(current, s), before, held[s]) for s in order}
+    held: dict[Term, Held] = {}
+    rows: dict[Term, Candidate] = {}
+    for some in (free[:FIRST_ROWS], free[FIRST_ROWS:]) if active else (free,):
+        held |= {c: evidence.held(joined(current, c), physical=True) for c in some}
+        order = sorted(held, key=lambda s: (held[s].score, s.size, term_order(s)))[:TABLE_ROWS]
+        rows |= {s: _judged(judge, s, joined(current, s), before, held[s]) for s in order if s not in rows}
+        if any(row.accepted for row in rows.values()):
+            break
     # Of those that may be named the best, and of its rivals the simplest; without any, the same of all.
     pool = [s for s in order if rows[s].accepted] or order
     if not pool:
