@@ -8,8 +8,9 @@ from hybrid_dynamics.files import write_json
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.blind import BlindSettings, generate_blind, plan
 from hybrid_dynamics.study.config import load_params, section
-from hybrid_dynamics.study.foreign_cases import generate_foreign
+from hybrid_dynamics.study.foreign_cases import generate_foreign, plan_foreign
 from hybrid_dynamics.study.layout import BlindFiles
+from hybrid_dynamics.study.mixed_cases import generate_mixed, plan_mixed
 from hybrid_dynamics.trajectory import SIMULATED, write_trajectories
 from stages.common import dataset_argument, progress_bar
 
@@ -21,8 +22,10 @@ def main() -> None:
     settings = section(load_params(), "blind", BlindSettings)
     shutil.rmtree(blind.logs, ignore_errors=True)
     truth = []
-    total = len(plan(robot, settings)) + settings.foreign
-    cases = chain(generate_blind(robot, settings), generate_foreign(files.robot.read_text("utf-8"), settings))
+    plans = plan(robot, settings), plan_mixed(robot, settings), plan_foreign(settings, robot.name)
+    total = sum(len(own) for own in plans)
+    text = files.robot.read_text("utf-8")
+    cases = chain(generate_blind(robot, settings), generate_mixed(robot, settings), generate_foreign(text, settings))
     with progress_bar(f"{files.dataset}: hiding effects") as progress:
         for case in cases:
             metadata = {"dataset": f"blind_{files.dataset}", "provenance": SIMULATED}

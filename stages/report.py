@@ -1,12 +1,13 @@
 """Stage report: every table, figure and the page, from the result files of all datasets."""
 
+import json
 from pathlib import Path
 
 import pandas as pd
 
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_text
-from hybrid_dynamics.study.blind import COLUMNS
+from hybrid_dynamics.study.blind_score import COLUMNS, LOOP_SECONDS
 from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.study.datasets import RobotSettings, picture_of
 from hybrid_dynamics.study.layout import REPORTS, RESIMULATION_COLUMNS, BlindFiles, DatasetFiles
@@ -15,6 +16,13 @@ from hybrid_dynamics.study.report import write_report
 from hybrid_dynamics.study.report.campaign import campaign_sections
 from hybrid_dynamics.study.report.sections import derivative_section, study_sections
 from hybrid_dynamics.study.results import StudyInputs
+
+
+def scored(files: BlindFiles) -> pd.DataFrame:
+    """Scores of one robot's blind cases, and the time that the loop took for each."""
+    table = pd.read_csv(files.scores)
+    seconds = json.loads(files.timing.read_text("utf-8"))
+    return table.assign(**{LOOP_SECONDS: [seconds.get(case) for case in table["case"]]})
 
 
 def main() -> None:
@@ -30,8 +38,8 @@ def main() -> None:
     again = [table for place in places if len(table := pd.read_csv(place))]
     table = pd.concat(again) if again else pd.DataFrame(columns=list(RESIMULATION_COLUMNS))
     write_text(REPORTS / "resimulation.csv", table.to_csv(index=False))
-    scores = [pd.read_csv(BlindFiles(name).scores) for name in section(params, "blind_robots", list[str])]
-    blind = pd.concat(scores) if scores else pd.DataFrame(columns=list(COLUMNS))
+    scores = [scored(BlindFiles(name)) for name in section(params, "blind_robots", list[str])]
+    blind = pd.concat(scores) if scores else pd.DataFrame(columns=[*COLUMNS, LOOP_SECONDS])
     write_text(REPORTS / "blind.csv", blind.to_csv(index=False))
     left_out = collect_park(arms, section(params, "added_arms", list[str]), REPORTS)
     if arms:

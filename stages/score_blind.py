@@ -4,7 +4,7 @@ import json
 
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.robots import Robot
-from hybrid_dynamics.study.blind import score_blind, write_blind
+from hybrid_dynamics.study.blind_score import score_blind, write_blind
 from hybrid_dynamics.study.layout import BlindFiles
 from hybrid_dynamics.trajectory import read_trajectories
 from stages.common import dataset_argument
@@ -19,7 +19,8 @@ def main() -> None:
         log = blind.logs / f"{truth['case']}.parquet"
         diagnosis = json.loads((blind.diagnoses / f"{truth['case']}.json").read_text(encoding="utf-8"))
         runs = {split: read_trajectories(log, split=split) for split in ("train", "test")}
-        rows.append(score_blind(truth, diagnosis, robot, runs["train"], runs["test"]))
+        row = score_blind(truth, diagnosis, robot, runs["train"], runs["test"])
+        rows.append(row | {"robot": files.dataset})
     write_blind(blind.scores, rows)
     right = sum(bool(row["named_right"] and row["nothing_wrong_named"]) for row in rows)
     print(f"{files.dataset}: {right} of {len(rows)} blind cases named right and nothing else")

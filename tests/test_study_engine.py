@@ -7,8 +7,9 @@ from hybrid_dynamics.effects import Effect, predict
 from hybrid_dynamics.effects.inertia import link_parameters, to_body, to_dynamic
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.robots import find_description
+from hybrid_dynamics.study.blind_logs import NOISES, LogSettings, coloured
 from hybrid_dynamics.study.engine import Engine, Hidden, read_text, robot_of
-from hybrid_dynamics.study.mujoco_log import NOISES, LogSettings, coloured, make_mujoco_log
+from hybrid_dynamics.study.mujoco_log import make_mujoco_log
 from hybrid_dynamics.study.outside import LAWS, Course
 
 TEXT = read_text(find_description("ur_description/urdf/ur5_joint_limited_robot.urdf"))

@@ -7,11 +7,13 @@ import pytest
 
 from hybrid_dynamics.loop.model import Model, effect_from_json
 from hybrid_dynamics.robots import find_description
-from hybrid_dynamics.study.blind import BlindSettings, score_blind
+from hybrid_dynamics.study.blind import BlindSettings
+from hybrid_dynamics.study.blind_logs import LogSettings, log_settings, noise_level
+from hybrid_dynamics.study.blind_score import score_blind
 from hybrid_dynamics.study.engine import read_text, robot_of
 from hybrid_dynamics.study.foreign import KNOWN, RECIPES, UNKNOWN
-from hybrid_dynamics.study.foreign_cases import log_settings, make_foreign, noise_level, plan_foreign, recorded
-from hybrid_dynamics.study.mujoco_log import LogSettings, motions_of, read
+from hybrid_dynamics.study.foreign_cases import make_foreign, plan_foreign, recorded
+from hybrid_dynamics.study.mujoco_log import motions_of, read
 
 TEXT = read_text(find_description("ur_description/urdf/ur5_joint_limited_robot.urdf"))
 ROBOT = robot_of(TEXT)
@@ -31,14 +33,17 @@ def test_the_truth_of_a_known_form_predicts_its_torque(name):
     assert np.std(left) < (0.05 if name in ("dahl", "delay", "coulomb", "gear") else 1e-6) * np.std(added)
 
 
-def test_unknown_forms_have_no_truth_and_every_third_case_holds_one():
+def test_unknown_forms_have_no_truth_and_as_many_cases_hold_one_as_are_asked_for():
     assert all(not r.known and r.truth(ROBOT, r.draw(np.random.default_rng(0))(ROBOT, 1, 1.0)) == [] for r in UNKNOWN)
-    cases = plan_foreign(BlindSettings(foreign=30), "ur5")
-    assert cases == plan_foreign(BlindSettings(foreign=30), "ur5")
-    assert cases != plan_foreign(BlindSettings(foreign=30, seed=1), "ur5")
+    cases = plan_foreign(BlindSettings(foreign=30, unknown=10), "ur5")
+    assert cases == plan_foreign(BlindSettings(foreign=30, unknown=10), "ur5")
+    assert cases != plan_foreign(BlindSettings(foreign=30, unknown=10, seed=1), "ur5")
     unknown = [any(not RECIPES[name].known for name in case) for case in cases]
     assert sum(unknown) == 10
     assert {len(case) for case in cases} >= {1, 2, 3}
+    bare = plan_foreign(BlindSettings(foreign=30, unknown=10, bare=4), "ur5")
+    assert sorted(bare) == sorted([*cases, *[()] * 4])
+    assert bare[-4:] != [()] * 4  # where nothing is missing is not to be known from the number
 
 
 def test_two_harmonics_of_a_joint_are_two_ripples_and_one_of_them_is_half_the_truth():

@@ -1,15 +1,13 @@
-"""Blind cases: effects hidden in simulated logs, and the score of a diagnosis that never saw them.
+"""Blind cases: effects of the catalogue hidden in simulated logs, and how many cases a study has.
 
-Three separate functions so that three stages can be kept apart: :func:`generate_blind` writes logs and, elsewhere, the
-truth; ``close_loop`` sees URDF and logs only; :func:`score_blind` reads the truth and the diagnosis.
+Three stages are kept apart: one writes logs and, elsewhere, the truth; ``close_loop`` sees URDF and logs only;
+:mod:`.blind_score` reads the truth and the diagnosis. Here cases of few families, all logged alike; in
+:mod:`.mixed_cases` any family on logs of any kind; in :mod:`.foreign_cases` those of another engine.
 """
 
 from __future__ import annotations
 
-import csv
-import os
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
@@ -18,10 +16,8 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Motion, family
 from hybrid_dynamics.errors import require
-from hybrid_dynamics.files import atomic_path
-from hybrid_dynamics.loop.diagnosis import errors_of, moving_rms
-from hybrid_dynamics.loop.model import Model, effect_from_json, effect_to_json
-from hybrid_dynamics.loop.process import ProcessSettings, Run, derivative, hann_kernel, process
+from hybrid_dynamics.loop.model import effect_to_json
+from hybrid_dynamics.loop.process import ProcessSettings, derivative, hann_kernel
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.controller import ControllerSettings, make_controller
 from hybrid_dynamics.simulation.dataset import run_until_accepted
@@ -41,32 +37,8 @@ FIRST_FAMILIES = (
     "link_inertia",
     "gravity_tilt",
 )
-COLUMNS = (
-    "case",
-    "robot",
-    "engine",
-    "hidden",
-    "hidden_joints",
-    "size_over_floor",
-    "named",
-    "named_joints",
-    "named_right",
-    "nothing_wrong_named",
-    "verdict",
-    "parameter_error",
-    "rmse_before",
-    "rmse_after",
-    "rmse_true_model",
-    "noise_floor",
-    "joint",
-    "rmse_after_all_rows",
-    "rmse_true_model_all_rows",
-    "floor_over_true_model",
-    "noise",
-    "seconds",
-    "listed",
-    "unknown_forms",
-)
+#: Of how many hidden causes a case consists, drawn evenly.
+COUNTS = (1, 1, 2, 3, 4)
 
 
 def _reference() -> ReferenceSettings:
@@ -77,14 +49,22 @@ def _reference() -> ReferenceSettings:
 class BlindSettings:
     """``single``, ``pairs``, ``nothing``: number of cases per robot; sizes are drawn between ``smallest`` and
     ``largest`` noise floors. Runs of ``duration`` [s] with a control period and log interval of ``period`` [s].
-    ``foreign``: further cases from another engine (see :mod:`.foreign_cases`).
+
+    Further cases have one to four causes, and a length, rate and noise that are drawn (``blind_logs.log_settings``;
+    with ``short_logs`` short ones, too): ``mixed`` of any of the families (:mod:`.mixed_cases`); ``foreign`` from
+    another engine (:mod:`.foreign_cases`), of which ``unknown`` hold a form that the catalogue does not have; ``bare``
+    of either engine in which nothing is missing.
     """
 
     families: tuple[str, ...] = FIRST_FAMILIES
     single: int = 29
     pairs: int = 15
     nothing: int = 20
+    mixed: int = 0
     foreign: int = 0
+    unknown: int = 0
+    bare: int = 0
+    short_logs: bool = False
     train: int = 4
     test: int = 2
     duration: float = 16.0
@@ -100,8 +80,12 @@ class BlindSettings:
     def __post_init__(self) -> None:
         for name in self.families:
             family(name)
-        for name in ("single", "pairs", "nothing", "foreign"):
+        for name in ("single", "pairs", "nothing", "mixed", "foreign", "unknown", "bare"):
             require(0 <= getattr(self, name) <= 10000, f"{name} is {getattr(self, name)}; expected 0 to 10000 cases")
+        require(
+            self.unknown <= self.foreign,
+            f"unknown is {self.unknown}; expected at most the number of foreign cases ({self.foreign})",
+        )
         require(self.train >= 1, f"train is {self.train}; expected at least one run")
         require(self.test >= 1, f"test is {self.test}; expected at least one run")
         require(1 <= self.smallest <= self.largest, f"smallest is {self.smallest}; expected 1 <= smallest <= largest")
@@ -216,126 +200,13 @@ def draw_effects(
     return effects, min(sizes, default=0.0)
 
 
-def true_model(robot: Robot, truth: Mapping[str, Any]) -> Model:
-    """The model that the truth describes."""
-    return Model(robot, tuple(effect_from_json(e) for e in truth["effects"]))
-
-
-def score_blind(
-    truth: Mapping[str, Any],
-    diagnosis: Mapping[str, Any],
-    robot: Robot,
-    train: Sequence[Trajectory],
-    test: Sequence[Trajectory],
-    settings: ProcessSettings | None = None,
-) -> dict[str, Any]:
-    """One row of ``blind.csv``: what was named and confirmed, and the model without what was not.
-
-    Errors are those of the joint whose error after is largest against the true model's.
-    The noise floor is compared with the true model's error on the training runs it was estimated from: the worst joint
-    counts.
-
-    ``parameter_error`` is the largest relative error of the hidden effects (see :func:`parameter_errors`), None where
-    they were not all named.
-    """
-    runs = [process(t, robot, settings or ProcessSettings()) for t in test]
-    own = [process(t, robot, settings or ProcessSettings()) for t in train]
-    confirmed = [e for e in diagnosis["effects"] if e["confirmed"]]
-    hidden, named = _pairs(truth["effects"]), _pairs(confirmed)
-    # Counted: a joint may have two harmonics.
-    right = Counter(hidden) <= Counter(named)
-    clean = Counter(named) <= Counter(hidden)
-    unknown = truth.get("unknown_forms", [])
-    listed = {n for e in confirmed for a in e["indistinguishable_from"] for n in _pairs(a["effects"])}
-    model = true_model(robot, truth)
-    exact, exact_all = moving_rms(model, runs), np.array(errors_of(model, runs)["rmse"])
-    after = np.array(diagnosis["error_moving"]["test"]["after_confirmed"]["rmse"])
-    before = np.array(diagnosis["error_moving"]["test"]["before"]["rmse"])
-    after_all = np.array(diagnosis["error"]["test"]["after_confirmed"]["rmse"])
-    floor = np.array(diagnosis["noise_floor"])
-    ratio = floor / np.maximum(moving_rms(model, own), 1e-12)
-    if unknown:  # no model of ours is the true one: the noise alone is what it would leave
-        exact = exact_all = np.array(truth["true_rmse"])
-        ratio = floor / np.maximum(exact, 1e-12)
-    worst = int(np.argmax(after / np.maximum(exact, 1e-12)))
-    errors = parameter_errors(truth, diagnosis, robot, runs) if right and hidden else []
-    return {
-        "case": truth["case"],
-        "robot": truth["robot"],
-        "engine": truth.get("engine", "own"),
-        "hidden": " ".join(h[0] for h in hidden),
-        "hidden_joints": " ".join((h[1] or ("-",))[0] for h in hidden),
-        "size_over_floor": truth["size_over_floor"],
-        "named": " ".join(n[0] for n in named),
-        "named_joints": " ".join((n[1] or ("-",))[0] for n in named),
-        "named_right": right,
-        "nothing_wrong_named": clean,
-        "verdict": diagnosis["verdict"],
-        "parameter_error": max(errors) if errors else None,
-        "rmse_before": before[worst],
-        "rmse_after": after[worst],
-        "rmse_true_model": exact[worst],
-        "noise_floor": floor[worst],
-        "joint": robot.joint_names[worst],
-        "rmse_after_all_rows": after_all[worst],
-        "rmse_true_model_all_rows": exact_all[worst],
-        "floor_over_true_model": float(ratio[np.argmax(np.abs(np.log(np.maximum(ratio, 1e-12))))]),
-        "noise": truth.get("noise", "white"),
-        "seconds": truth.get("seconds", sum(t.time[-1] - t.time[0] for t in train)),
-        "listed": all(h in named or h in listed for h in hidden),
-        "unknown_forms": " ".join(u["form"].replace(" ", "_") for u in unknown),
-    }
-
-
-def _pairs(entries: Sequence[Mapping[str, Any]]) -> list[tuple[str, tuple[str, ...]]]:
-    """Family and joints of every entry."""
-    return [(e["effect"], tuple(e["joints"])) for e in entries]
-
-
-def parameter_errors(
-    truth: Mapping[str, Any], diagnosis: Mapping[str, Any], robot: Robot, runs: Sequence[Run]
-) -> list[float]:
-    """Relative error of every hidden effect: the largest of its parameters, see :meth:`Family.parameter_error`."""
-    out = []
-    motions = [run.motion for run in runs]
-    named = [effect_from_json(e) for e in diagnosis["effects"] if e["confirmed"]]
-    for entry in truth["effects"]:
-        true = effect_from_json(entry)
-        kind = family(true.effect)
-        alike = [e for e in named if (e.effect, e.joints) == (true.effect, true.joints)]
-        # Of two harmonics of one joint the nearer one is meant.
-        out.append(min(max(kind.parameter_error(true, found, robot, motions).values()) for found in alike))
-    return out
-
-
-def write_blind(path: str | os.PathLike[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write ``blind.csv``: numbers with six significant digits, booleans as true/false."""
-
-    def text(value: Any) -> str:
-        if value is None:
-            return ""
-        if isinstance(value, bool | np.bool_):
-            return "true" if value else "false"
-        return f"{value:.6g}" if isinstance(value, float | np.floating) else str(value)
-
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for row in rows:
-            writer.writerow([text(row[c]) for c in COLUMNS])
-
-
 __all__ = [
-    "COLUMNS",
+    "COUNTS",
     "FIRST_FAMILIES",
     "BlindCase",
     "BlindSettings",
     "draw_effects",
     "generate_blind",
     "make_case",
-    "parameter_errors",
     "plan",
-    "score_blind",
-    "true_model",
-    "write_blind",
 ]

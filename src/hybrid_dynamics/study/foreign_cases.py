@@ -9,34 +9,35 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.loop.model import effect_to_json
-from hybrid_dynamics.loop.process import ProcessSettings, hann_kernel
 from hybrid_dynamics.simulation.references import derive_seed
-from hybrid_dynamics.study.blind import BlindCase, BlindSettings
+from hybrid_dynamics.study.blind import COUNTS, BlindCase, BlindSettings
+from hybrid_dynamics.study.blind_logs import LogSettings, log_settings, noise_level
 from hybrid_dynamics.study.engine import Engine, Hidden, read_text, robot_of
 from hybrid_dynamics.study.foreign import KNOWN, RECIPES, UNKNOWN, scaled
-from hybrid_dynamics.study.mujoco_log import LogSettings, coloured, make_mujoco_log, motions_of, read
+from hybrid_dynamics.study.mujoco_log import make_mujoco_log, motions_of, read
+from hybrid_dynamics.study.plausible import plausible
 from hybrid_dynamics.types import Array
 
-#: Of how many hidden causes a case consists (drawn evenly), and the colours, rates and lengths it may have.
-_COUNTS = (1, 1, 2, 3, 4)
-_NOISES = ("white", "white", "ar1", "lowpass", "quantised")
-_RATES = (100.0, 250.0, 500.0, 1000.0)
-#: Forms that the catalogue does not have: one in every so many cases holds one of them.
-_UNKNOWN_EVERY = 3
+#: Draws of size and joint until a cause is plausible; the last one stands.
+_DRAWS = 8
 
 
 def plan_foreign(settings: BlindSettings, robot: str) -> list[tuple[str, ...]]:
-    """Names of the recipes of every case: known forms, and in every third one unknown form."""
+    """Names of the recipes of every case: known forms, in ``settings.unknown`` of them one unknown form, and none."""
     rng = np.random.default_rng(derive_seed("foreign plan", settings.seed, robot))
     known = [r.name for r in KNOWN]
     order = [known[k] for _ in range(settings.foreign) for k in rng.permutation(len(known))]
-    cases = []
+    cases: list[tuple[str, ...]] = []
     for k in range(settings.foreign):
-        count = int(rng.choice(_COUNTS))
+        count = int(rng.choice(COUNTS))
         names = list(dict.fromkeys(order[k * 4 : k * 4 + count]))
-        if k % _UNKNOWN_EVERY == _UNKNOWN_EVERY - 1:
+        # Evenly spread over the cases.
+        if (k + 1) * settings.unknown // settings.foreign > k * settings.unknown // settings.foreign:
             names[0] = UNKNOWN[int(rng.integers(len(UNKNOWN)))].name
         cases.append(tuple(names))
+    if settings.bare:
+        cases += [()] * settings.bare
+        cases = [cases[k] for k in rng.permutation(len(cases))]
     return cases
 
 
@@ -46,23 +47,6 @@ def generate_foreign(text: str, settings: BlindSettings) -> Iterator[BlindCase]:
     name = Engine(read_text(text)).robot.name
     for number, recipes in enumerate(plan_foreign(settings, name)):
         yield make_foreign(text, recipes, settings, f"{name}_m{number + 1:03d}", robot.name)
-
-
-def log_settings(settings: BlindSettings, rng: np.random.Generator) -> LogSettings:
-    """How one case is logged: 1 to 6 runs of 5 to 30 s, 30 s of training or more where there are several."""
-    train = int(rng.integers(1, 7))
-    duration = float(np.round(np.clip(rng.uniform(30, 60) / train, 5.0, 30.0), 1))
-    return LogSettings(
-        train=train,
-        test=max(settings.test, 1),
-        duration=duration,
-        rate=float(rng.choice(_RATES)),
-        noise=str(rng.choice(_NOISES)),
-        noise_share=settings.torque_noise_share,
-        encoder_bits=settings.encoder_bits,
-        velocity=bool(rng.random() < 0.5),
-        reference=settings.reference,
-    )
 
 
 def make_foreign(
@@ -87,15 +71,26 @@ def make_foreign(
     plain = recorded(text, [], short)
     hidden: list[Hidden] = []
     sizes: list[float] = []
+    taken: set[tuple[str, tuple[str, ...]]] = set()
     for k, recipe in enumerate(recipes):
-        size = float(np.exp(rng.uniform(np.log(settings.smallest), np.log(settings.largest))))
-        make = RECIPES[recipe].draw(rng)
-        joint = int(joints[k])
+        largest = settings.largest
+        for attempt in range(_DRAWS):
+            size = float(np.exp(rng.uniform(np.log(settings.smallest), np.log(largest))))
+            make = RECIPES[recipe].draw(rng)
+            # Where the first joint would need what no arm has, another one and less.
+            joint = int(joints[(k + attempt) % robot.n_joints])
 
-        def added(h: Hidden) -> Array:
-            return (recorded(text, [h], short) - plain) / floor
+            def added(h: Hidden) -> Array:
+                return (recorded(text, [h], short) - plain) / floor
 
-        cause, _ = scaled(lambda s, make=make, joint=joint: make(robot, joint, s), added, size)  # type: ignore[misc]
+            cause, _ = scaled(lambda s, make=make, joint=joint: make(robot, joint, s), added, size)  # type: ignore[misc]
+            effects = RECIPES[recipe].truth(robot, cause)
+            # Two of a kind on one joint are one: a gear is viscous on both of its joints, too.
+            own = {(e.effect, e.joints) for e in effects}
+            if plausible(robot, effects) and not own & taken:
+                break
+            largest = max(size, settings.smallest)
+        taken |= own
         hidden.append(cause)
         sizes.append(size)
     seed = derive_seed("foreign runs", settings.seed, name)
@@ -113,6 +108,10 @@ def make_foreign(
         "size_over_floor": min(sizes, default=0.0),
         "noise": log.noise,
         "seconds": log.train * log.duration,
+        "runs": log.train,
+        "rate": log.rate,
+        "velocity": log.velocity,
+        "sizes": sizes,
         "true_rmse": floor.tolist(),
     }
     return BlindCase(name, tuple(runs[: log.train]), tuple(runs[log.train :]), truth)
@@ -124,14 +123,3 @@ def recorded(text: str, hidden: Sequence[Hidden], settings: LogSettings) -> Arra
     robot = robot_of(text)
     signals = read(course, tau, hidden, settings, np.zeros(robot.n_joints), np.random.default_rng(0))
     return np.asarray(signals["tau"] - robot.inverse_dynamics(signals["q"], course.dq, course.ddq))
-
-
-def noise_level(log: LogSettings, effort: Array) -> Array:
-    """Standard deviation (n,) [N m] of the torque noise behind the loop's filter."""
-    dt = 1.0 / log.rate
-    process = ProcessSettings()
-    kernel = hann_kernel(1.0 / min(process.cutoff, process.cutoff_share * log.rate), dt)
-    kind = "white" if log.noise == "quantised" else log.noise
-    sample = coloured(kind, (20000, 1), dt, log.colour, np.random.default_rng(0))[:, 0]
-    share = float(np.convolve(sample, kernel, mode="valid").std()) if kind != "none" else 0.0
-    return np.asarray(log.noise_share * effort * share)

@@ -168,3 +168,8 @@ class BlindFiles(HiddenFiles):
     """Blind cases."""
 
     kind = "blind"
+
+    @property
+    def timing(self) -> Path:
+        """Processor seconds of every case; read by no cached stage but the report."""
+        return self.folder / "timing.json"
