@@ -26,14 +26,12 @@ from hybrid_dynamics.study.claims.coefficients import table_three
 from hybrid_dynamics.study.evaluation import EvaluationSettings, PooledErrors, evaluate_predictions
 from hybrid_dynamics.study.intervals import clopper_pearson
 from hybrid_dynamics.study.report import (
-    blind_section,
     campaign_sections,
     derivative_section,
     loop_section,
     study_sections,
     write_report,
 )
-from hybrid_dynamics.study.report.campaign import BLIND_COLUMNS
 from hybrid_dynamics.study.report.pieces import best_beside_rigid_body
 from hybrid_dynamics.study.report.tables import format_value, text_tables
 from hybrid_dynamics.study.results import DatasetResults, Section, StudyInputs, read_dataset
@@ -382,29 +380,6 @@ def test_a_joint_that_never_moves_and_no_held_out_run_are_reported(tmp_path: Pat
     html = best_beside_rigid_body(replace(result, errors=errors))
     assert "panda_joint1" in html
     assert "panda_joint2" not in html
-
-
-def test_blind_cases_are_counted_by_what_was_planted(tmp_path: Path) -> None:
-    columns = list(BLIND_COLUMNS)
-    rows = [
-        ("c1", "panda", "armature", "j1", 5.0, "armature", "j1", "true", "true", 0.01, 1.0, 1.0),
-        ("c2", "panda", "payload", "-", 5.0, "armature", "j1", "false", "false", None, 2.0, 1.0),
-        ("c3", "panda", "payload", "-", 1.0, "", "", "false", "true", None, 1.0, 1.0),
-        ("c4", "panda", "", "", None, "", "", "true", "true", None, 1.0, 1.0),
-        ("c5", "panda", "payload armature", "- j1", 9.0, "payload armature", "- j1", "true", "true", 0.02, 1.1, 1.0),
-    ]
-    pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "blind.csv", index=False)
-    section = blind_section(tmp_path / "blind.csv")
-    assert section is not None
-    assert "1 of 2 (95 % interval 1 to 99 %)" in section.html
-    assert "1 of 1 (95 % interval 3 to 100 %)" in section.html
-    assert "1 smaller case is" in section.html
-    assert "The case that was not" in section.html
-    # A payload was taken for a rotor's inertia once; the case below the size is in the detection table alone.
-    confusion = section.html[section.html.index('class="confusion"') :]
-    assert re.search(r"payload</td><td>1</td>", confusion)
-    assert "0 of 1" in section.html[: section.html.index('class="confusion"')]
-    assert blind_section(tmp_path / "none.csv") is None
 
 
 def test_the_park_and_the_benchmarks_are_shown_where_their_tables_are(tmp_path: Path) -> None:

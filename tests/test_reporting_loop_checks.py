@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from hybrid_dynamics.study.claims.loop_checks import blind_checks, loop_checks
+from hybrid_dynamics.study.claims.loop_checks import loop_checks
 from hybrid_dynamics.study.results import DatasetResults
 
 JOINTS = tuple(f"j{k}" for k in range(1, 7))
@@ -92,45 +92,3 @@ def test_a_loop_worse_than_the_baseline_is_told_and_a_twin_claims_nothing(tmp_pa
     assert [c.claim[:11] for c in loop_checks(worse) if not c.met] == ["Closed loop"]
     object.__setattr__(worse, "provenance", "simulated twin")
     assert not list(loop_checks(worse))
-
-
-def cases(
-    wrong: int = 0, after: float = 1.0, floor: float = 1.0, error: float = 0.005, count: int = 160
-) -> pd.DataFrame:
-    rows = []
-    for k in range(count):
-        hidden = ("viscous_friction", "payload armature", None, "payload")[k % 4]
-        rows.append(
-            {
-                "robot": "arm", "hidden": hidden, "named_right": True, "nothing_wrong_named": k >= wrong,
-                "parameter_error": error if hidden else None, "rmse_after": after, "rmse_true_model": 1.0,
-                "rmse_after_all_rows": after, "rmse_true_model_all_rows": 1.0, "floor_over_true_model": floor,
-                "unknown_forms": "", "verdict": "explained" if hidden else "nothing_missing",
-            }
-        )  # fmt: skip
-    return pd.DataFrame(rows)
-
-
-def test_claims_on_hidden_effects_follow_their_cases():
-    assert [c.met for c in blind_checks(cases())] == [True] * 6
-    measured = [c.measured.split(" (")[0] for c in blind_checks(cases(wrong=15))]
-    assert measured[:3] == ["73 of 80", "36 of 40", "36 of 40"]
-    assert [c.met for c in blind_checks(cases(wrong=15))][:3] == [False, False, False]
-    # Ten of ten are no evidence of 97 %.
-    few = list(blind_checks(cases(count=20)))[:3]
-    assert [(c.met, c.n) for c in few] == [(None, 10), (None, 5), (None, 5)]
-    assert "too few cases" in few[0].measured
-    assert [c.met for c in blind_checks(cases(error=0.02))][3] is False
-    assert [c.met for c in blind_checks(cases(after=1.2))][4] is False
-    assert [c.met for c in blind_checks(cases(floor=0.7))][5] is False
-    assert not list(blind_checks(cases().iloc[:0]))
-
-
-def test_a_law_outside_the_catalogue_is_judged_by_its_verdict_alone():
-    both = cases()
-    strange = both.iloc[:40].assign(unknown_forms="lugre", nothing_wrong_named=False, rmse_after=20.0)
-    for verdict, met in (("partly_explained", True), ("explained", False)):
-        found = list(blind_checks(pd.concat([both, strange.assign(verdict=verdict)])))
-        assert (found[0].met, found[0].n) == (met, 40)
-        # Neither its names nor its errors are counted among those that could be right.
-        assert [c.met for c in found[1:]] == [True] * 6

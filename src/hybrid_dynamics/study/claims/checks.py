@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 
 from hybrid_dynamics.study.claims import paper
+from hybrid_dynamics.study.claims.blind_checks import blind_checks
 from hybrid_dynamics.study.claims.coefficients import RIGID_BODY, JointTerms, damping_of, table_three
-from hybrid_dynamics.study.claims.loop_checks import UR10E_RUN, blind_checks, loop_checks
+from hybrid_dynamics.study.claims.loop_checks import UR10E_RUN, loop_checks
 from hybrid_dynamics.study.claims.park_checks import park_checks
 from hybrid_dynamics.study.methods import REFERENCES, in_order, label
 from hybrid_dynamics.study.results import Check, DatasetResults

@@ -1,4 +1,4 @@
-"""What the closed loop set out to show, on the UR10e's recordings and on effects hidden in simulation."""
+"""What the closed loop set out to show on the UR10e's recordings; on hidden effects: ``blind_checks.py``."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import pandas as pd
-
-from hybrid_dynamics.study.intervals import clopper_pearson, counted
 from hybrid_dynamics.study.results import Check, DatasetResults
 from hybrid_dynamics.trajectory import RECORDED
 
@@ -20,14 +17,6 @@ UR10E_MASS, MASS_SHARE = 2.805, 0.15
 AGREEMENT = 0.03
 #: Relative RMSE on the held-out part, joints 2 to 6.
 LOAD_BOUNDS = {"load_14harm": (0.05, 0.065, 0.15, 0.13, 0.08), "load_15harm": (0.075, 0.08, 0.15, 0.29, 0.36)}
-#: Verdicts that say that nothing is left to find.
-ALL_CLEAR = ("explained", "nothing_missing")
-#: Shares of hidden effects named right and nothing else, by their number; errors of parameters and of the model.
-NAMED_SHARES = {1: 0.97, 2: 0.92, 0: 1.0}
-#: A share is shown where its interval ends no more than this below it.
-SLACK = 0.1
-MEDIAN_ERROR, TAIL_ERROR = 0.01, 0.05
-AFTER_BOUND, FLOOR_BOUND = 1.15, 0.2
 
 
 def loop_checks(result: DatasetResults) -> Iterator[Check]:
@@ -83,72 +72,6 @@ def loop_checks(result: DatasetResults) -> Iterator[Check]:
             f"said of {', '.join(inconsistent) or 'nothing'}",
             any(name.startswith("com_") for name in inconsistent),
         )
-
-
-def blind_checks(cases: pd.DataFrame) -> Iterator[Check]:
-    """Claims on hidden effects, from the rows of ``blind.csv``."""
-    if not len(cases):
-        return
-    title = f"hidden effects ({', '.join(sorted(set(cases['robot'])))})"
-    strange = cases["unknown_forms"].fillna("").astype(str) != ""
-    if strange.any():
-        # No effect of the catalogue is right there, and no model of ours the true one.
-        honest = ~cases.loc[strange, "verdict"].isin(ALL_CLEAR)
-        claim = "A law that the catalogue does not have is hidden: no all-clear"
-        yield Check(title, claim, *_counted(int(honest.sum()), len(honest), 1.0), len(honest))
-    cases = cases[~strange]
-    if not len(cases):
-        return
-    right = (cases["named_right"].astype(str).str.lower() == "true") & (
-        cases["nothing_wrong_named"].astype(str).str.lower() == "true"
-    )
-    planted = cases["hidden"].fillna("").astype(str).map(lambda names: len(names.split()))
-    for count, share in NAMED_SHARES.items():
-        own = right[planted == count]
-        what = {0: "Nothing hidden: nothing is named", 1: "One hidden effect", 2: "Two hidden effects"}[count]
-        if len(own):
-            claim = what if count == 0 else f"{what}: named right and nothing else in at least {100 * share:g} %"
-            yield Check(title, claim, *_counted(int(own.sum()), len(own), share), len(own))
-    errors = cases["parameter_error"].dropna()
-    if len(errors):
-        median, tail = float(errors.median()), float(errors.quantile(0.9))
-        yield Check(
-            title,
-            f"Parameter error at most {100 * MEDIAN_ERROR:g} % (median) and {100 * TAIL_ERROR:g} % (90th percentile)",
-            f"{100 * median:.2g} %, {100 * tail:.2g} %",
-            median <= MEDIAN_ERROR and tail <= TAIL_ERROR,
-            len(errors),
-        )
-    moving = float((cases["rmse_after"] / cases["rmse_true_model"]).max())
-    every = float((cases["rmse_after_all_rows"] / cases["rmse_true_model_all_rows"]).max())
-    yield Check(
-        title,
-        f"Held-out error at most {AFTER_BOUND:g} times the true model's, without and with samples at standstill",
-        f"worst {moving:.3f}, {every:.3f}",
-        max(moving, every) <= AFTER_BOUND,
-        len(cases),
-    )
-    low, high = float(cases["floor_over_true_model"].min()), float(cases["floor_over_true_model"].max())
-    yield Check(
-        title,
-        f"Estimated noise floor within {100 * FLOOR_BOUND:g} % of the true model's error",
-        f"{low:.3f} to {high:.3f} of it",
-        low >= 1 - FLOOR_BOUND and high <= 1 + FLOOR_BOUND,
-        len(cases),
-    )
-
-
-def _counted(hits: int, cases: int, share: float) -> tuple[str, bool | None]:
-    """The count with its interval, and whether it meets ``share``; None where so few cases show nothing.
-
-    Few cases show nothing where all that was counted is right and the interval still reaches :data:`SLACK` below.
-    """
-    text = counted(hits, cases)
-    if hits < share * cases:
-        return text, False
-    if clopper_pearson(hits, cases)[0] < share - SLACK:
-        return f"{text}: too few cases to decide", None
-    return text, True
 
 
 def _beside_baseline(result: DatasetResults) -> Iterator[Check]:
