@@ -22,7 +22,7 @@ def case(name: str, hidden: str = "", **other: Any) -> dict[str, Any]:
         "floor_over_true_model": 1.0, "noise": "white", "seconds": 60.0, "unknown_forms": "",
         "sizes": " ".join(["5"] * count), "outcomes": " ".join(["named"] * count),
         "parameter_errors": " ".join(["0.005"] * count), "checked": " ".join(["100"] * count),
-        "within": " ".join(["95"] * count), "wrong": "", "alternatives": 1, "loop_seconds": 9.0,
+        "within": " ".join(["95"] * count), "wrong": "", "stand_ins": "", "alternatives": 1, "loop_seconds": 9.0,
     }  # fmt: skip
     return row | other
 
@@ -92,15 +92,17 @@ def test_effects_are_taken_apart_and_names_stand_where_their_cause_sits():
         case("c", **STRANGE),
         case("d"),
         case("e", "armature", **MISSED, sizes="0.5"),
+        case("f", "payload", hidden_joints="-", **{**MISSED, "outcomes": "listed"}, stand_ins="link_inertia@j6"),
     ]
     cases = pd.DataFrame(rows)
     effects = effects_of(cases)
-    assert list(effects["effect"]) == ["payload", "armature", "viscous_friction", "armature"]
-    assert list(effects["size"]) == [9.0, 0.4, 5.0, 0.5]
-    assert list(missing(cases)) == [True, True, True, False, False]
+    assert list(effects["effect"]) == ["payload", "armature", "viscous_friction", "armature", "payload"]
+    assert list(effects["size"]) == [9.0, 0.4, 5.0, 0.5, 5.0]
+    assert list(missing(cases)) == [True, True, True, False, False, True]
     assert sorted(pairs(cases).itertuples(index=False, name=None)) == [
         ("armature", "nothing"), ("armature", "nothing"), ("lugre", "armature"), ("nothing", "nothing"),
-        ("nothing", "torque_gain"), ("payload", "payload"), ("viscous_friction", "coulomb_friction"),
+        ("nothing", "torque_gain"), ("payload", "link_inertia"), ("payload", "payload"),
+        ("viscous_friction", "coulomb_friction"),
     ]  # fmt: skip
 
 

@@ -162,3 +162,25 @@ def test_noise_has_unit_size_and_its_own_colour(kind):
     correlation = np.mean(noise[lag:] * noise[:-lag])
     expected = {"white": (-0.03, 0.03), "ar1": (0.3, 0.44), "pink": (0.2, 1.0), "lowpass": (0.15, 0.7)}[kind]
     assert expected[0] < correlation < expected[1]
+
+
+@pytest.mark.parametrize("kind", ["mass", "com"])
+def test_what_is_fixed_to_a_link_is_part_of_it(kind):
+    """The Panda's hand is turned against its last link and fixed to it: for the loop they are one body."""
+    text = read_text(
+        find_description("panda_description/urdf/panda.urdf"), ("panda_finger_joint1", "panda_finger_joint2")
+    )
+    robot = robot_of(text)
+    values = {"ratio": 1.3} if kind == "mass" else {"x": 0.02, "y": -0.01, "z": 0.03}
+    hidden = Hidden(kind, 6, values)
+    own = link_parameters(robot, 6)
+    if kind == "mass":
+        effect = Effect("link_mass", (robot.joint_names[6],), {"mass": float(own[0] * 1.3)})
+    else:
+        com = own[1:4] / own[0] + np.array([0.02, -0.01, 0.03])
+        effect = Effect("link_com", (robot.joint_names[6],), dict(zip(("com_x", "com_y", "com_z"), com, strict=True)))
+    rng = np.random.default_rng(4)
+    q, dq, ddq = rng.uniform(-1.5, 1.5, (3, 40, 7))
+    np.testing.assert_allclose(
+        Engine(text, [hidden]).torque(q, dq, ddq), predict(robot, [effect], q, dq, ddq), atol=1e-8
+    )

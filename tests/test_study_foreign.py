@@ -11,7 +11,7 @@ from hybrid_dynamics.study.blind import BlindSettings
 from hybrid_dynamics.study.blind_logs import LogSettings, log_settings, noise_level
 from hybrid_dynamics.study.blind_score import score_blind
 from hybrid_dynamics.study.engine import read_text, robot_of
-from hybrid_dynamics.study.foreign import KNOWN, RECIPES, UNKNOWN
+from hybrid_dynamics.study.foreign import RECIPES, UNKNOWN
 from hybrid_dynamics.study.foreign_cases import make_foreign, plan_foreign, recorded
 from hybrid_dynamics.study.mujoco_log import motions_of, read
 
@@ -20,7 +20,7 @@ ROBOT = robot_of(TEXT)
 SHORT = LogSettings(train=1, test=0, duration=4.0, rate=500.0, noise="none", encoder_bits=0)
 
 
-@pytest.mark.parametrize("name", [r.name for r in KNOWN])
+@pytest.mark.parametrize("name", [r.name for r in RECIPES.values() if r.known])
 def test_the_truth_of_a_known_form_predicts_its_torque(name):
     hidden = RECIPES[name].draw(np.random.default_rng(1))(ROBOT, 2, 1.0)
     ((course, tau),) = motions_of(TEXT, [hidden], SHORT, 3)
@@ -34,11 +34,12 @@ def test_the_truth_of_a_known_form_predicts_its_torque(name):
 
 
 def test_unknown_forms_have_no_truth_and_as_many_cases_hold_one_as_are_asked_for():
-    assert all(not r.known and r.truth(ROBOT, r.draw(np.random.default_rng(0))(ROBOT, 1, 1.0)) == [] for r in UNKNOWN)
+    strange = [r for r in UNKNOWN if r.name != "tanh"]  # a setting of a family
+    assert all(not r.known and r.truth(ROBOT, r.draw(np.random.default_rng(0))(ROBOT, 1, 1.0)) == [] for r in strange)
     cases = plan_foreign(BlindSettings(foreign=30, unknown=10), "ur5")
     assert cases == plan_foreign(BlindSettings(foreign=30, unknown=10), "ur5")
     assert cases != plan_foreign(BlindSettings(foreign=30, unknown=10, seed=1), "ur5")
-    unknown = [any(not RECIPES[name].known for name in case) for case in cases]
+    unknown = [any(RECIPES[name] in UNKNOWN for name in case) for case in cases]
     assert sum(unknown) == 10
     assert {len(case) for case in cases} >= {1, 2, 3}
     bare = plan_foreign(BlindSettings(foreign=30, unknown=10, bare=4), "ur5")

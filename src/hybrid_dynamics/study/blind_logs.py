@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfilt
+from scipy.signal import butter, lfilter, oaconvolve, sosfilt
 
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.loop.process import ProcessSettings, hann_kernel
@@ -86,6 +87,16 @@ def noise_level(log: LogSettings, effort: Array) -> Array:
     sample = coloured(kind, (20000, 1), dt, log.colour, np.random.default_rng(0))[:, 0]
     share = float(np.convolve(sample, kernel, mode="valid").std()) if kind != "none" else 0.0
     return np.asarray(log.noise_share * effort * share)
+
+
+def measured_level(clean: Sequence[Array], logged: Sequence[Array], log: LogSettings) -> Array:
+    """Root mean square (n,) [N m] of what the sensors of runs changed in the torque (T, n), behind the loop's filter.
+
+    Rounding is no white noise where a torque changes by a few steps only: the filter then takes little of it away.
+    """
+    kernel = hann_kernel(1.0 / ProcessSettings().cutoff_at(1.0 / log.rate), 1.0 / log.rate)[:, None]
+    left = [oaconvolve(b - a, kernel, mode="valid", axes=0) for a, b in zip(clean, logged, strict=True)]
+    return np.asarray(np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0)))
 
 
 def noisy(tau: Array, log: LogSettings, effort: Array, rng: np.random.Generator) -> Array:

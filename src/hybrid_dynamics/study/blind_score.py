@@ -59,6 +59,7 @@ COLUMNS = (
     "checked",
     "within",
     "wrong",
+    "stand_ins",
     "alternatives",
     "runs",
     "rate",
@@ -88,8 +89,9 @@ def score_blind(
     ``parameter_error`` is the largest relative error of the hidden effects (see :func:`parameter_errors`), None where
     they were not all named. Lists, one entry for each hidden effect, are separated by spaces: ``sizes`` in floors of
     what it alone explains (:mod:`.alone`), ``outcomes``, ``parameter_errors``, how many of its published parameters
-    have a standard error (``checked``) and lie within two of it (``within``). ``wrong``: what is named and was not
-    hidden; ``alternatives``: how many other explanations are listed.
+    have a standard error (``checked``) and lie within two of it (``within``). What is named and was not
+    hidden is ``wrong``, or among the ``stand_ins`` where what was hidden is listed with it as doing as well;
+    ``alternatives``: how many other explanations are listed.
     """
     runs = [process(t, robot, settings or ProcessSettings()) for t in test]
     own = [process(t, robot, settings or ProcessSettings()) for t in train]
@@ -97,7 +99,9 @@ def score_blind(
     hidden, named = _pairs(truth["effects"]), _pairs(confirmed)
     # Counted: a joint may have two harmonics.
     right = Counter(hidden) <= Counter(named)
-    wrong = list((Counter(named) - Counter(hidden)).elements())
+    other = list((Counter(named) - Counter(hidden)).elements())
+    stand_ins = [place for place in other if _stands_in(place, hidden, confirmed)]
+    wrong = list((Counter(other) - Counter(stand_ins)).elements())
     unknown = truth.get("unknown_forms", [])
     outcomes = outcomes_of(hidden, confirmed)
     model = true_model(robot, truth)
@@ -107,10 +111,12 @@ def score_blind(
     after_all = np.array(diagnosis["error"]["test"]["after_confirmed"]["rmse"])
     floor = np.array(diagnosis["noise_floor"])
     ratio = floor / np.maximum(moving_rms(model, own), 1e-12)
-    noise = np.array(truth.get("true_rmse", exact))
+    noise = np.array(truth.get("true_rmse", 0.0 * exact))
     if unknown:  # no model of ours is the true one: the noise alone is what it would leave
         exact = exact_all = noise
         ratio = floor / np.maximum(exact, 1e-12)
+    else:  # what the sensors of the motion leave is noise of the torque, too
+        noise = np.maximum(noise, moving_rms(model, own))
     worst = int(np.argmax(after / np.maximum(exact, 1e-12)))
     errors = parameter_errors(truth, diagnosis, robot, runs)
     coverage = coverage_of(truth, diagnosis)
@@ -126,7 +132,7 @@ def score_blind(
         "named": " ".join(n[0] for n in named),
         "named_joints": _joints(named),
         "named_right": right,
-        "nothing_wrong_named": not wrong,
+        "nothing_wrong_named": not other,
         "verdict": diagnosis["verdict"],
         "parameter_error": max(known) if right and known else None,
         "rmse_before": before[worst],
@@ -146,7 +152,8 @@ def score_blind(
         "parameter_errors": " ".join(NONE if e is None else f"{e:.3g}" for e in errors),
         "checked": " ".join(str(n) for n, _ in coverage),
         "within": " ".join(str(n) for _, n in coverage),
-        "wrong": " ".join(f"{w[0]}@{(w[1] or (NONE,))[0]}" for w in wrong),
+        "wrong": _at(wrong),
+        "stand_ins": _at(stand_ins),
         "alternatives": len({_set(a) for e in confirmed for a in e["indistinguishable_from"]}),
         "runs": truth.get("runs", len(train)),
         "rate": truth.get("rate", 1.0 / train[0].dt),
@@ -170,6 +177,20 @@ def outcomes_of(hidden: Sequence[Place], named: Sequence[Mapping[str, Any]]) -> 
         else:
             out.append(LISTED if any(place in group and group <= places for group in listed) else MISSED)
     return out
+
+
+def _stands_in(place: Place, hidden: Sequence[Place], named: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether ``place``, named, says of itself that what was hidden instead does as well."""
+    places = _pairs(named)
+    instead = set(hidden) - set(places)
+    listed = [
+        _set(a) for e, own in zip(named, places, strict=True) if own == place for a in e["indistinguishable_from"]
+    ]
+    return any(group & instead and group <= {*hidden, *places} for group in listed)
+
+
+def _at(places: Sequence[Place]) -> str:
+    return " ".join(f"{effect}@{(joints or (NONE,))[0]}" for effect, joints in places)
 
 
 def _set(alternative: Mapping[str, Any]) -> frozenset[Place]:

@@ -42,6 +42,11 @@ def words(value: object) -> list[str]:
     return [] if value is None or value != value else str(value).split()
 
 
+def clean(cases: pd.DataFrame) -> pd.Series:
+    """Cases in which nothing wrong is named; a name that lists what was hidden as doing as well is not wrong."""
+    return cases["wrong"].map(lambda names: not words(names))
+
+
 def strange(cases: pd.DataFrame) -> pd.Series:
     """Cases that hold a form the catalogue does not have."""
     return cases["unknown_forms"].map(lambda forms: len(words(forms)) > 0)
@@ -84,12 +89,12 @@ def missing(cases: pd.DataFrame) -> pd.Series:
 
 
 def pairs(cases: pd.DataFrame) -> pd.DataFrame:
-    """``hidden`` and ``named``, one row a pair: a hidden cause with its own name, or with what was named wrongly
-    where it sits (on its joint, or for the whole robot), or with ``nothing``. Names without any cause are hidden
+    """``hidden`` and ``named``, one row a pair: a hidden cause with its own name, or with what was named in its
+    place (on its joint, or for the whole robot), or with ``nothing``. Names without any cause are hidden
     ``nothing``."""
     rows: list[tuple[str, str]] = []
     for case in cases.to_dict("records"):
-        wrong = [tuple(entry.rsplit("@", 1)) for entry in words(case["wrong"])]
+        wrong = [tuple(e.rsplit("@", 1)) for name in ("wrong", "stand_ins") for e in words(case[name])]
         told: set[int] = set()
 
         def instead(joint: str, wrong: list[Any] = wrong, told: set[int] = told) -> list[str]:
@@ -116,6 +121,7 @@ __all__ = [
     "MISSED",
     "NOTHING",
     "SIZE",
+    "clean",
     "effects_of",
     "found",
     "missing",

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,8 +50,8 @@ NATIVE: dict[str, tuple[str, ...]] = {
     "frictionloss": ("torque",),
     "armature": ("armature",),
     "stiffness": ("stiffness", "rest", "cubic"),  # k x + cubic x^3, x = q - rest
-    "mass": ("ratio",),  # mass and inertia of the link, all in proportion
-    "com": ("x", "y", "z"),  # shift of the link's centre of mass
+    "mass": ("ratio",),  # mass and inertia of the link and what is fixed to it, all in proportion
+    "com": ("x", "y", "z"),  # shift of their centre of mass
     "block": ("mass", "x", "y", "z", "edge_x", "edge_y", "edge_z"),  # a solid block on the link
     "tilt": ("roll", "pitch"),
     "tendon": ("partner", "damping", "friction", "armature"),  # seen by a motor at dq_joint + dq_partner
@@ -120,15 +120,17 @@ class Engine:
         joint.springref = cause.values.get("rest", 0.0)
 
     def _mass(self, cause: Hidden) -> None:
-        body = self._body(cause)
-        body.mass *= cause.values["ratio"]
-        body.inertia *= cause.values["ratio"]
-        full = np.array(body.fullinertia)
-        if np.isfinite(full).all():
-            body.fullinertia = full * cause.values["ratio"]
+        for body, _ in _rigid(self._body(cause)):
+            body.mass *= cause.values["ratio"]
+            body.inertia *= cause.values["ratio"]
+            full = np.array(body.fullinertia)
+            if np.isfinite(full).all():
+                body.fullinertia = full * cause.values["ratio"]
 
     def _com(self, cause: Hidden) -> None:
-        self._body(cause).ipos += np.array([cause.values.get(k, 0.0) for k in ("x", "y", "z")])
+        shift = np.array([cause.values.get(k, 0.0) for k in ("x", "y", "z")])
+        for body, turned in _rigid(self._body(cause)):
+            body.ipos += turned.T @ shift
 
     def _block(self, cause: Hidden) -> None:
         v = cause.values
@@ -150,6 +152,17 @@ class Engine:
         tendon.damping = np.array([cause.values.get("damping", 0.0), 0.0, 0.0])
         tendon.frictionloss, tendon.armature = cause.values.get("friction", 0.0), cause.values.get("armature", 0.0)
         tendon.solref_friction = np.array(_EXACT)
+
+
+def _rigid(body: Any, turned: Array | None = None) -> Iterator[tuple[Any, Array]]:
+    """``body`` and all that is fixed to it (a hand is part of the last link), with the rotation of each in it."""
+    turned = np.eye(3) if turned is None else turned
+    yield body, turned
+    for child in body.bodies:
+        if not child.joints:
+            matrix = np.zeros(9)
+            mujoco.mju_quat2Mat(matrix, np.array(child.quat))
+            yield from _rigid(child, turned @ matrix.reshape(3, 3))
 
 
 def _check(cause: Hidden) -> None:

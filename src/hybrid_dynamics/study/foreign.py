@@ -145,6 +145,11 @@ def _tanh(rng: np.random.Generator) -> Make:
     return lambda robot, joint, size: Hidden("tanh_coulomb", joint, {"torque": size, "width": 0.3})
 
 
+def _slow_sign(robot: Robot, hidden: Hidden) -> list[Effect]:
+    values, settings = {"coulomb_torque": hidden.values["torque"]}, {"sign_width": hidden.values["width"]}
+    return [Effect("coulomb_friction", (robot.joint_names[hidden.at],), values, settings)]
+
+
 def _ripple(second: float) -> Draw:
     def draw(rng: np.random.Generator) -> Make:
         harmonic, phase = float(rng.integers(6, 30)), float(rng.uniform(-3, 3))
@@ -298,11 +303,12 @@ KNOWN = (
     Recipe("com", _com, _com_truth),
     Recipe("tilt", _tilt, _one("gravity_tilt", roll="roll", pitch="pitch")),
 )
-#: Forms that it does not have.
+#: Forms that it does not have, or not in the usual form.
 UNKNOWN = (
     Recipe("lugre", _lugre, _nothing),
     Recipe("gonthier", _gonthier, _nothing),
-    Recipe("tanh", _tanh, _nothing),
+    # The catalogue has it as a setting of dry friction; drawn among those that it lacks, since a sharp sign is not it.
+    Recipe("tanh", _tanh, _slow_sign),
     Recipe("stribeck 1/2", _stribeck(0.5), _nothing),
     Recipe("cubic spring", _stiffness(1.5), _nothing),
     Recipe("two joints", _coupled("two_joints"), _nothing),

@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_dynamics.loop.model import effect_to_json
 from hybrid_dynamics.simulation.references import derive_seed
 from hybrid_dynamics.study.blind import COUNTS, BlindCase, BlindSettings
-from hybrid_dynamics.study.blind_logs import LogSettings, log_settings, noise_level
+from hybrid_dynamics.study.blind_logs import LogSettings, log_settings, measured_level, noise_level
 from hybrid_dynamics.study.engine import Engine, Hidden, read_text, robot_of
 from hybrid_dynamics.study.foreign import KNOWN, RECIPES, UNKNOWN, scaled
 from hybrid_dynamics.study.mujoco_log import make_mujoco_log, motions_of, read
@@ -23,7 +23,7 @@ _DRAWS = 8
 
 
 def plan_foreign(settings: BlindSettings, robot: str) -> list[tuple[str, ...]]:
-    """Names of the recipes of every case: known forms, in ``settings.unknown`` of them one unknown form, and none."""
+    """Names of the recipes of every case: known forms, in ``unknown`` of them one of :data:`UNKNOWN`, and none."""
     rng = np.random.default_rng(derive_seed("foreign plan", settings.seed, robot))
     known = [r.name for r in KNOWN]
     order = [known[k] for _ in range(settings.foreign) for k in rng.permutation(len(known))]
@@ -95,6 +95,10 @@ def make_foreign(
         sizes.append(size)
     seed = derive_seed("foreign runs", settings.seed, name)
     runs = make_mujoco_log(text, hidden, seed=seed, settings=log)
+    if log.noise == "quantised":
+        clean = make_mujoco_log(text, hidden, seed=seed, settings=replace(log, noise="none"))
+        plain_tau, logged = ([run["tau"] for run in own[: log.train]] for own in (clean, runs))
+        floor = measured_level(plain_tau, logged, log)
     effects = [e for r, h in zip(recipes, hidden, strict=True) for e in RECIPES[r].truth(robot, h)]
     unknown = [(r, h) for r, h in zip(recipes, hidden, strict=True) if not RECIPES[r].known]
     truth: dict[str, Any] = {

@@ -21,7 +21,14 @@ from hybrid_dynamics.simulation.rollout import SimulationSettings
 from hybrid_dynamics.simulation.sensors import SensorSettings, record
 from hybrid_dynamics.study.alone import alone, flat_columns
 from hybrid_dynamics.study.blind import COUNTS, BlindCase, BlindSettings
-from hybrid_dynamics.study.blind_logs import VELOCITY_NOISE, LogSettings, log_settings, noise_level, noisy
+from hybrid_dynamics.study.blind_logs import (
+    VELOCITY_NOISE,
+    LogSettings,
+    log_settings,
+    measured_level,
+    noise_level,
+    noisy,
+)
 from hybrid_dynamics.study.plausible import plausible
 from hybrid_dynamics.types import Array
 
@@ -91,12 +98,15 @@ def make_mixed(
         velocity_noise=VELOCITY_NOISE,
     )
     sensors = sensors_for(plain, robot, effects)
-    runs = []
+    runs, clean = [], []
     for k in range(total):
         split = "train" if k < log.train else "test"
         run = record(done[k], robot, sensors, f"run_{k + 1}", split, derive_seed("mixed", settings.seed, name))
         noise = np.random.default_rng(derive_seed("mixed noise", settings.seed, name, k))
+        clean.append(run["tau"])
         runs.append(run.with_signals(tau=noisy(run["tau"], log, robot.effort_limits, noise)))
+    if log.noise == "quantised":
+        floor = measured_level(clean[: log.train], [run["tau"] for run in runs[: log.train]], log)
     truth: dict[str, Any] = {
         "case": name,
         "robot": robot.name,

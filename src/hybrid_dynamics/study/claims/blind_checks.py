@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from hybrid_dynamics.study.blind_table import ALL_CLEAR, LONG, NOTHING, SIZE, effects_of, found, missing, strange, truth
+from hybrid_dynamics.study.blind_table import ALL_CLEAR, LONG, NOTHING, SIZE, clean, effects_of, found, missing, strange
 from hybrid_dynamics.study.intervals import clopper_pearson, counted
 from hybrid_dynamics.study.results import Check
 
@@ -31,7 +31,7 @@ def blind_checks(cases: pd.DataFrame) -> Iterator[Check]:
     if not len(cases):
         return
     title = f"hidden effects ({', '.join(sorted(set(cases['robot'])))})"
-    beyond, lacking, clean = strange(cases), missing(cases), truth(cases["nothing_wrong_named"])
+    beyond, lacking, right = strange(cases), missing(cases), clean(cases)
     said = cases["verdict"].isin(ALL_CLEAR)
 
     def share(claim: str, hits: pd.Series, least: float) -> Iterator[Check]:
@@ -40,11 +40,11 @@ def blind_checks(cases: pd.DataFrame) -> Iterator[Check]:
 
     yield from share(
         "A law that the catalogue does not have is hidden: no wrong name beside an all-clear",
-        ~(said & ~clean)[beyond],
+        ~(said & ~right)[beyond],
         1.0,
     )
-    yield from share(f"Nothing wrong named in at least {100 * CLEAN:g} %", clean[~beyond & lacking], CLEAN)
-    yield from share("Nothing hidden: at most 1 false alarm in 100", clean[~lacking], NO_ALARM)
+    yield from share(f"Nothing wrong named in at least {100 * CLEAN:g} %", right[~beyond & lacking], CLEAN)
+    yield from share("Nothing hidden: at most 1 false alarm in 100", right[~lacking], NO_ALARM)
     inside = said[~beyond & lacking]
     yield from share(f"Inside the catalogue: explained in at least {100 * EXPLAINED:g} %", inside, EXPLAINED)
     effects = effects_of(cases)

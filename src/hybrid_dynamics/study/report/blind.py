@@ -14,6 +14,7 @@ from hybrid_dynamics.study.blind_table import (
     LONG,
     NOTHING,
     SIZE,
+    clean,
     effects_of,
     found,
     missing,
@@ -52,6 +53,7 @@ COLUMNS = (
     "checked",
     "within",
     "wrong",
+    "stand_ins",
     "alternatives",
 )
 Row = list[Cell | str]
@@ -86,18 +88,20 @@ def shares(known: pd.DataFrame) -> str:
     planted = known["hidden"].map(lambda names: len(words(names)))
     rows: list[Row] = []
     for (robot, count), own in known.groupby([known["robot"], planted]):
-        clean = truth(own["nothing_wrong_named"])
-        right = truth(own["named_right"]) & clean
+        right = truth(own["named_right"]) & truth(own["nothing_wrong_named"])
         rows.append(
             [
                 Cell(escape(str(robot)), "text"),
                 str(count) if count else "nothing",
                 counted(int(right.sum()), len(own)),
-                counted(int(clean.sum()), len(own)),
+                counted(int(clean(own).sum()), len(own)),
             ]
         )
     heads = ["Robot", "Effects hidden", "All named right, nothing else", "Nothing wrong named"]
-    caption = "Cases inside the catalogue; where nothing is hidden, what is named is a false alarm"
+    caption = (
+        "Cases inside the catalogue; where nothing is hidden, what is named is a false alarm. A name is not wrong where it "
+        "lists what was hidden as doing as well"
+    )
     return table(heads, rows, caption) if rows else ""
 
 
@@ -212,7 +216,7 @@ def verdicts(cases: pd.DataFrame) -> str:
     rows: list[Row] = []
     for kind, chosen in kinds.items():
         for verdict, own in cases[chosen].groupby("verdict"):
-            wrong = int((~truth(own["nothing_wrong_named"])).sum())
+            wrong = int((~clean(own)).sum())
             total = counted(len(own), int(chosen.sum()))
             rows.append([kind, Cell(escape(str(verdict).replace("_", " ")), "text"), total, str(wrong)])
     caption = "Verdicts; a wrong name beside an all-clear is the worst that can be said"
@@ -238,10 +242,10 @@ def misses(cases: pd.DataFrame) -> str:
         both = zip(words(case["sizes"]), words(case["outcomes"]), strict=True)
         return any(float(size) >= SIZE and outcome not in (NAMED, LISTED) for size, outcome in both)
 
-    off = cases.apply(missed, axis=1).astype(bool) | ~truth(cases["nothing_wrong_named"])
-    shown = ["case", "robot", "hidden", "hidden_joints", "unknown_forms", "sizes", "outcomes", "wrong", "verdict"]
-    own = cases.loc[off, [*shown, "seconds", "noise"]]
+    off = cases.apply(missed, axis=1).astype(bool) | ~clean(cases)
+    shown = ["case", "robot", "hidden", "hidden_joints", "unknown_forms", "sizes", "outcomes", "wrong", "stand_ins"]
+    own = cases.loc[off, [*shown, "verdict", "seconds", "noise"]]
     if not len(own):
         return ""
     head = "The case that was not right" if len(own) == 1 else f"The {len(own)} cases that were not right"
-    return details(head, frame_table(own.fillna("")))
+    return details(head, frame_table(own.astype(object).fillna("")))
