@@ -99,8 +99,8 @@ def shares(known: pd.DataFrame) -> str:
         )
     heads = ["Robot", "Effects hidden", "All named right, nothing else", "Nothing wrong named"]
     caption = (
-        "Cases inside the catalogue; where nothing is hidden, what is named is a false alarm. A name is not wrong where it "
-        "lists what was hidden as doing as well"
+        "Cases inside the catalogue; where nothing is hidden, what is named is a false alarm. A name is not wrong "
+        "where it lists what was hidden as doing as well"
     )
     return table(heads, rows, caption) if rows else ""
 
