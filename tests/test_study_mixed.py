@@ -128,7 +128,8 @@ def test_a_log_in_steps_is_as_rough_as_its_steps_where_the_torque_hardly_changes
     time = np.arange(5000)[:, None] / 500.0
     effort, rng = np.ones(1), np.random.default_rng(0)
     still, moving = 0.1 * np.sin(0.5 * time), 20 * np.sin(3 * time)
-    rough, fine = (measured_level([tau], [noisy(tau, log, effort, rng)], log)[0] for tau in (still, moving))
+    assert measured_level([0.1 * still], [noisy(0.1 * still, log, effort, rng)], log, effort) == 0.05 * 12**0.5
+    rough, fine = (measured_level([tau], [noisy(tau, log, effort, rng)], log, effort)[0] for tau in (still, moving))
     white = noise_level(log, effort)[0]
     assert fine == pytest.approx(white, rel=0.4)
     assert rough > 1.8 * white

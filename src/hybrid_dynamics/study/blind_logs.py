@@ -89,23 +89,31 @@ def noise_level(log: LogSettings, effort: Array) -> Array:
     return np.asarray(log.noise_share * effort * share)
 
 
-def measured_level(clean: Sequence[Array], logged: Sequence[Array], log: LogSettings) -> Array:
-    """Root mean square (n,) [N m] of what the sensors of runs changed in the torque (T, n), behind the loop's filter.
+def measured_level(clean: Sequence[Array], logged: Sequence[Array], log: LogSettings, effort: Array) -> Array:
+    """Root mean square (n,) [N m] of what rounding changed in the torque (T, n) of runs, behind the loop's filter.
 
-    Rounding is no white noise where a torque changes by a few steps only: the filter then takes little of it away.
+    It is no white noise where a torque changes by a few steps only: the filter then takes little of it away. A torque
+    that does not leave its step is off by up to half a step, and nobody can see by how much.
     """
     kernel = hann_kernel(1.0 / ProcessSettings().cutoff_at(1.0 / log.rate), 1.0 / log.rate)[:, None]
     left = [oaconvolve(b - a, kernel, mode="valid", axes=0) for a, b in zip(clean, logged, strict=True)]
-    return np.asarray(np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0)))
+    level = np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0))
+    step = _step(log, effort)
+    return np.where(np.concatenate(logged).std(axis=0) < 0.5 * step, np.maximum(level, 0.5 * step), level)
 
 
 def noisy(tau: Array, log: LogSettings, effort: Array, rng: np.random.Generator) -> Array:
     """Torque (T, n) as it is logged: with noise, or in steps."""
     size = log.noise_share * np.where(effort > 0, effort, 1.0)
     if log.noise == "quantised":
-        step = size * np.sqrt(12.0)
+        step = _step(log, effort)
         return np.where(step > 0, np.round(tau / np.where(step > 0, step, 1.0)) * step, tau)
     return np.asarray(tau + size * coloured(log.noise, tau.shape, 1.0 / log.rate, log.colour, rng))
+
+
+def _step(log: LogSettings, effort: Array) -> Array:
+    """Step (n,) [N m] of a torque that is logged in steps."""
+    return np.asarray(log.noise_share * np.sqrt(12.0) * np.where(effort > 0, effort, 1.0))
 
 
 def coloured(kind: str, shape: tuple[int, ...], dt: float, colour: float, rng: np.random.Generator) -> Array:

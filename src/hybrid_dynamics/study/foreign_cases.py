@@ -98,7 +98,7 @@ def make_foreign(
     if log.noise == "quantised":
         clean = make_mujoco_log(text, hidden, seed=seed, settings=replace(log, noise="none"))
         plain_tau, logged = ([run["tau"] for run in own[: log.train]] for own in (clean, runs))
-        floor = measured_level(plain_tau, logged, log)
+        floor = measured_level(plain_tau, logged, log, robot.effort_limits)
     effects = [e for r, h in zip(recipes, hidden, strict=True) for e in RECIPES[r].truth(robot, h)]
     unknown = [(r, h) for r, h in zip(recipes, hidden, strict=True) if not RECIPES[r].known]
     truth: dict[str, Any] = {

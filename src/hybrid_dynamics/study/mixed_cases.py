@@ -106,7 +106,8 @@ def make_mixed(
         clean.append(run["tau"])
         runs.append(run.with_signals(tau=noisy(run["tau"], log, robot.effort_limits, noise)))
     if log.noise == "quantised":
-        floor = measured_level(clean[: log.train], [run["tau"] for run in runs[: log.train]], log)
+        logged = [run["tau"] for run in runs[: log.train]]
+        floor = measured_level(clean[: log.train], logged, log, robot.effort_limits)
     truth: dict[str, Any] = {
         "case": name,
         "robot": robot.name,
