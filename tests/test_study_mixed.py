@@ -9,16 +9,20 @@ import yaml
 from tests.two_links import two_links
 
 from hybrid_dynamics.effects import Effect, catalogue
-from hybrid_dynamics.loop.model import effect_from_json, effect_to_json
+from hybrid_dynamics.loop.model import Model, effect_from_json, effect_to_json
 from hybrid_dynamics.loop.process import ProcessSettings, process
+from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.study.alone import alone, alone_sizes
 from hybrid_dynamics.study.blind import BlindSettings
 from hybrid_dynamics.study.blind_logs import LogSettings, log_settings, measured_level, noise_level, noisy
 from hybrid_dynamics.study.blind_score import _stands_in, coverage_of, outcomes_of
 from hybrid_dynamics.study.mixed_cases import make_mixed, plan_mixed
+from hybrid_dynamics.study.park.added import add_effects, draw_added
 from hybrid_dynamics.study.plausible import plausible
+from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = two_links()
+ARM = Robot.from_urdf(find_description("ur_description/urdf/ur5_joint_limited_robot.urdf"))
 CONF = Path(__file__).parents[1] / "conf/blind"
 FAMILIES = ("viscous_friction", "coulomb_friction", "torque_offset", "armature", "torque_ripple")
 STAND_INS = (("torque_offset", "offset"), ("coulomb_friction", "coulomb_torque"))
@@ -49,6 +53,22 @@ def test_the_full_study_is_what_it_says():
     assert robots * (development["mixed"] + development["foreign"] + 2 * development["bare"]) == 120
     assert 3 * development["unknown"] >= 120 // robots
     assert development["seed"] != own["seed"]
+
+
+@pytest.fixture(scope="module")
+def log() -> Trajectory:
+    """A run of the UR5, as it is."""
+    how = LogSettings(train=1, test=1, duration=6.0)
+    return make_mixed(ARM, (), BlindSettings(families=FAMILIES), "arm_x001", how).train[0]
+
+
+@pytest.mark.parametrize("name", yaml.safe_load((CONF / "full.yaml").read_text("utf-8"))["added"]["families"])
+def test_every_family_can_be_added_to_a_recorded_log_in_the_size_that_is_asked_for(name, log):
+    base, floor = Model(ARM), 5e-4 * ARM.effort_limits
+    effect = draw_added(ARM, base, name, [log], floor, 3.0, np.random.default_rng(2))
+    (more,) = add_effects(base, [effect], [log])
+    size = np.sqrt(np.mean((more["tau"] - log["tau"]) ** 2, axis=0)) / floor
+    assert 2.4 < size.max() < 4.5  # not yet behind the loop's filter
 
 
 def test_short_logs_are_drawn_where_they_are_asked_for():

@@ -23,9 +23,12 @@ from hybrid_dynamics.loop.model import Model, effect_from_json, effect_to_json
 from hybrid_dynamics.loop.process import ProcessSettings, Run, derivative, process
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.references import derive_seed
+from hybrid_dynamics.study.plausible import plausible
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
+#: Places and directions that are drawn until one is plausible in the size that is asked for.
+_DRAWS = 30
 #: Effect and joints.
 Place = tuple[str, tuple[str, ...]]
 
@@ -126,18 +129,23 @@ def draw_added(
     if not moving.any():
         raise InputError(f"{hidden}: no joint moves in the logs it should be added to; give logs in motion")
     kind = family(hidden)
-    term = kind.draw_term(robot, moving, rng)
-    direction = kind.draw(robot, term, rng)
-    scale = 1.0
-    for _ in range(12):
-        # Not every torque is proportional to its coordinates (a spring's rest position): iterate on the size.
-        now = _size(base, _effect(robot, term, direction * scale), runs, floor)
-        if not now > 0:
-            raise InputError(f"{hidden}: has no torque on the motion of these logs; give other logs")
-        if abs(now / size - 1) < 1e-3:
-            break
-        scale *= size / now
-    return _effect(robot, term, direction * scale)
+    for _ in range(_DRAWS):
+        term = kind.draw_term(robot, moving, rng)
+        direction = kind.draw(robot, term, rng)
+        scale = 1.0
+        for _ in range(12):
+            # Not every torque is proportional to its coordinates (a spring's rest position): iterate on the size.
+            now = _size(base, _effect(robot, term, direction * scale), runs, floor)
+            if not now > 0:
+                break
+            if abs(now / size - 1) < 1e-3:
+                if plausible(robot, [effect := _effect(robot, term, direction * scale)]):
+                    return effect
+                break
+            scale *= size / now
+    raise InputError(
+        f"{hidden}: nowhere has a plausible one {size:g} noise floors on the motion of these logs; give other logs"
+    )
 
 
 def add_effects(base: Model, effects: Sequence[Effect], logs: Sequence[Trajectory]) -> list[Trajectory]:
