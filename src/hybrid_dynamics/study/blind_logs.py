@@ -113,7 +113,7 @@ def noisy(tau: Array, log: LogSettings, effort: Array, rng: np.random.Generator)
 
 def _step(log: LogSettings, effort: Array) -> Array:
     """Step (n,) [N m] of a torque that is logged in steps."""
-    return np.asarray(log.noise_share * np.sqrt(12.0) * np.where(effort > 0, effort, 1.0))
+    return np.asarray(log.noise_share * np.where(effort > 0, effort, 1.0) * np.sqrt(12.0))
 
 
 def coloured(kind: str, shape: tuple[int, ...], dt: float, colour: float, rng: np.random.Generator) -> Array:
