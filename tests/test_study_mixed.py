@@ -9,6 +9,7 @@ import yaml
 from tests.two_links import two_links
 
 from hybrid_dynamics.effects import Effect, catalogue
+from hybrid_dynamics.effects.inertia import link_parameters
 from hybrid_dynamics.loop.model import Model, effect_from_json, effect_to_json
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.robots import Robot, find_description
@@ -105,6 +106,11 @@ def test_what_others_can_make_counts_for_none_of_them():
 
 def test_what_no_arm_has_is_not_hidden():
     assert plausible(ROBOT, [Effect("torque_gain", ("elbow",), {"gain": 1.2})])
+    com = dict(
+        zip(("com_x", "com_y", "com_z"), link_parameters(ROBOT, 1)[1:4] / link_parameters(ROBOT, 1)[0], strict=True)
+    )
+    for shift, there in ((0.1, True), (0.3, False)):
+        assert plausible(ROBOT, [Effect("link_com", ("elbow",), com | {"com_z": com["com_z"] + shift})]) == there
     assert not plausible(ROBOT, [Effect("torque_gain", ("elbow",), {"gain": 3.0})])
     assert not plausible(ROBOT, [Effect("time_delay", (), {"delay": 0.1})])
     assert not plausible(ROBOT, [Effect("load_dependent_friction", ("elbow",), {"load_coefficient": 4.0})])

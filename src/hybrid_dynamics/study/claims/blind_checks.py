@@ -77,8 +77,9 @@ def _effects(title: str, effects: pd.DataFrame) -> Iterator[Check]:
 
 def _parameters(title: str, effects: pd.DataFrame) -> Iterator[Check]:
     named = effects[effects["parameter_error"].notna() & (effects["size"] >= NOTHING)]
-    loose = named["effect"].isin(LOOSE)
-    errors = named.loc[~loose, "parameter_error"].astype(float)
+    large = named[(named["size"] >= SIZE) & (named["seconds"] >= LONG)]
+    loose = large["effect"].isin(LOOSE)
+    errors = large.loc[~loose, "parameter_error"].astype(float)
     if len(errors):
         median, tail = float(errors.median()), float(errors.quantile(0.9))
         yield Check(
@@ -88,7 +89,7 @@ def _parameters(title: str, effects: pd.DataFrame) -> Iterator[Check]:
             median <= MEDIAN_ERROR and tail <= TAIL_ERROR,
             len(errors),
         )
-    errors = named.loc[loose, "parameter_error"].astype(float)
+    errors = large.loc[loose, "parameter_error"].astype(float)
     if len(errors):
         tail = float(errors.quantile(0.9))
         claim = f"Stribeck and Dahl friction: parameter error at most {100 * LOOSE_ERROR:g} % (90th percentile)"
