@@ -12,7 +12,7 @@ from hybrid_dynamics.files import write_json
 from hybrid_dynamics.loop import LoopSettings, close_loop, write_diagnosis
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.config import load_params, section
-from hybrid_dynamics.study.layout import BlindFiles
+from hybrid_dynamics.study.layout import REFUSED, BlindFiles
 from hybrid_dynamics.trajectory import read_trajectories
 from stages.common import dataset_argument, progress_bar
 
@@ -23,9 +23,15 @@ def close(log: Path, urdf: Path, out: Path, settings: LoopSettings) -> tuple[str
     """Diagnose one case; returns a line for the person who watches, and processor seconds."""
     started = time.process_time()
     runs = {split: read_trajectories(log, split=split) for split in ("train", "test")}
-    result = close_loop(Robot.from_urdf(urdf), runs["train"], runs["test"], settings)
-    write_diagnosis(out, result.diagnosis)
-    return f"{log.stem}: {result.diagnosis.verdict}", time.process_time() - started
+    try:
+        result = close_loop(Robot.from_urdf(urdf), runs["train"], runs["test"], settings)
+        write_diagnosis(out, result.diagnosis)
+        said = result.diagnosis.verdict
+    except InputError as refusal:
+        # Also an answer, and no reason to lose those of all other cases.
+        write_json(out, {REFUSED: str(refusal)})
+        said = REFUSED
+    return f"{log.stem}: {said}", time.process_time() - started
 
 
 def main() -> None:

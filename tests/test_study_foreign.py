@@ -61,6 +61,11 @@ def test_two_harmonics_of_a_joint_are_two_ripples_and_one_of_them_is_half_the_tr
         "noise_floor": size,
     }
     row = score_blind(case.truth, said, ROBOT, case.train, case.test)
+    # A refusal is an answer, too: nothing was named.
+    refused = score_blind(case.truth, {"refused": "joint elbow_joint: wrong sign"}, ROBOT, case.train, case.test)
+    assert refused["verdict"] == "refused"
+    assert refused["outcomes"] == "missed missed"
+    assert refused["rmse_after"] == refused["rmse_before"] > 1.5 * refused["rmse_true_model"]
     # Named in the other order: each is compared with its own.
     assert row["named_right"]
     assert row["nothing_wrong_named"]

@@ -17,6 +17,7 @@ from hybrid_dynamics.loop.model import Model, effect_from_json
 from hybrid_dynamics.loop.process import ProcessSettings, Run, process
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.study.alone import alone_sizes
+from hybrid_dynamics.study.layout import REFUSED
 from hybrid_dynamics.trajectory import Trajectory
 
 #: Column that the report adds: processor seconds of the loop, which no cached stage may hold.
@@ -95,6 +96,8 @@ def score_blind(
     """
     runs = [process(t, robot, settings or ProcessSettings()) for t in test]
     own = [process(t, robot, settings or ProcessSettings()) for t in train]
+    if REFUSED in diagnosis:
+        diagnosis = _unanswered(robot, runs)
     confirmed = [e for e in diagnosis["effects"] if e["confirmed"]]
     hidden, named = _pairs(truth["effects"]), _pairs(confirmed)
     # Counted: a joint may have two harmonics.
@@ -158,6 +161,18 @@ def score_blind(
         "runs": truth.get("runs", len(train)),
         "rate": truth.get("rate", 1.0 / train[0].dt),
         "velocity": truth.get("velocity", "dq" in train[0]),
+    }
+
+
+def _unanswered(robot: Robot, runs: Sequence[Run]) -> dict[str, Any]:
+    """What a refusal comes to: nothing named, the errors of the model that there was."""
+    moving, plain = moving_rms(Model(robot), runs).tolist(), errors_of(Model(robot), runs)["rmse"]
+    return {
+        "verdict": REFUSED,
+        "effects": [],
+        "noise_floor": moving,
+        "error": {"test": {"after_confirmed": {"rmse": plain}}},
+        "error_moving": {"test": {"before": {"rmse": moving}, "after_confirmed": {"rmse": moving}}},
     }
 
 

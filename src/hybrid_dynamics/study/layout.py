@@ -164,6 +164,10 @@ class AddedFiles(HiddenFiles):
     kind = "added"
 
 
+#: Verdict, and key of the reason, where the loop refused the logs of a blind case.
+REFUSED = "refused"
+
+
 class BlindFiles(HiddenFiles):
     """Blind cases."""
 
