@@ -34,7 +34,6 @@ class Drift(Family):
     parameters = (Parameter("rate", "N m/s"), Parameter(CONSTANT, "s"))
     size = 1
     searched = False
-    asked_only = True
     several = True
     nonlinear_settings = (Refined(CONSTANT, 2.0, 3000.0),)
     drawn_against = "time"
@@ -48,7 +47,9 @@ class Drift(Family):
     )
 
     def grid(self, options: Mapping[str, Any]) -> list[Settings]:
-        return [((OF, of), (CONSTANT, _START)) for of in (OFFSET, COULOMB, VISCOUS)]
+        # Noise that wanders slowly looks like an offset that drifts: that is asked for by name only.
+        named = self.name in options.get("effects", ())
+        return [((OF, of), (CONSTANT, _START)) for of in (OFFSET, COULOMB, VISCOUS) if named or of != OFFSET]
 
     def place(self, term: Term) -> tuple[Any, ...]:
         return (term.effect, term.joint, term.options[OF])

@@ -56,9 +56,10 @@ class Learnable:
 
 
 def state_features(run: Run, joint: int) -> Array:
-    """Inputs (K, p): states of all joints, earlier speeds and the distance since the last reversal of ``joint``."""
+    """Inputs (K, p): states of all joints, earlier speeds and the distance since the last reversal of ``joint``, and the
+    time since the run began: what warms up does so in every run."""
     step = float(np.median(np.diff(run.time)))
-    parts = [run.q, run.dq, run.ddq]
+    parts = [run.q, run.dq, run.ddq, (run.time - run.time[0])[:, None]]
     for windows in LAGS:
         lag = max(round(windows / run.cutoff / step), 1)
         parts.append(np.vstack([np.repeat(run.dq[:1, [joint]], min(lag, len(run.dq)), axis=0), run.dq[:-lag, [joint]]]))
