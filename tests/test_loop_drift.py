@@ -39,7 +39,7 @@ def _closed(effects: Sequence[Effect], settings: LoopSettings | None = None) -> 
 
 
 def _named(found: Diagnosis) -> list[tuple[str, str]]:
-    return [(e.effect.effect, *e.effect.joints) for e in found.effects]
+    return [(e.effect.effect, " ".join(e.effect.joints)) for e in found.effects]
 
 
 def test_friction_that_warms_up_is_named_with_its_rate() -> None:

@@ -56,8 +56,8 @@ class Learnable:
 
 
 def state_features(run: Run, joint: int) -> Array:
-    """Inputs (K, p): states of all joints, earlier speeds and the distance since the last reversal of ``joint``, and the
-    time since the run began: what warms up does so in every run."""
+    """Inputs (K, p): states of all joints, the time since the run began (what warms up does so in every run), earlier
+    speeds and the distance since the last reversal of ``joint``."""
     step = float(np.median(np.diff(run.time)))
     parts = [run.q, run.dq, run.ddq, (run.time - run.time[0])[:, None]]
     for windows in LAGS:
