@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from examples.demo_arm import HIDDEN, URDF
 
+from hybrid_dynamics.effects import Effect, predict
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.trajectory import Trajectory
 
-__all__ = ["HIDDEN", "URDF", "arm", "runs", "write_folder", "write_logs"]
+__all__ = ["HIDDEN", "URDF", "arm", "noisy_log", "runs", "write_folder", "write_logs"]
 
 
 def arm() -> Robot:
@@ -35,3 +38,16 @@ def write_folder(folder: Path, urdf: str, train: list[Trajectory], test: list[Tr
     for run in (*train, *test):
         write_log(folder / f"{run.name}.parquet", run, Robot.from_text(urdf, "robot.urdf").joint_names)
     return folder
+
+
+def noisy_log(effects: Sequence[Effect], seed: int, split: str, noise: float) -> Trajectory:
+    """20 s at 200 Hz of sums of three sines, the arm with ``effects``, white noise of ``noise`` [N m]."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(4000) / 200.0
+    speed = np.array([[0.9, 1.7, 3.1], [1.1, 2.3, 3.7]])
+    phase = rng.uniform(0, 2 * np.pi, (2, 3))
+    q = np.einsum("k,jkt->tj", [0.5, 0.25, 0.1], np.sin(speed[..., None] * time + phase[..., None]))
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(arm(), effects, q, dq, np.gradient(dq, time, axis=0), time)
+    signals = {"q": q, "dq": dq, "tau": tau + noise * rng.normal(size=tau.shape)}
+    return Trajectory(f"{split}_{seed}", split, time, signals)

@@ -6,36 +6,24 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from tests.small_arm import arm
+from tests.small_arm import arm, noisy_log
 
-from hybrid_dynamics.effects import Effect, predict
+from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop import LoopSettings, close_loop
 from hybrid_dynamics.loop.diagnosis import Diagnosis
-from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
 COULOMB = Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 3.0})
+#: Of the torque [N m].
+NOISE = 0.2
 #: Warm after two time constants: 1.3 of the 3 N m are gone at the end of a run.
 WARMING = Effect("drift", (SHOULDER,), {"rate": -0.15, "time_constant": 10.0}, {"of": "coulomb"})
 
 
-def _log(effects: Sequence[Effect], seed: int, split: str) -> Trajectory:
-    """20 s at 200 Hz of sums of three sines, .2 N m of white noise."""
-    rng = np.random.default_rng(seed)
-    time = np.arange(4000) / 200.0
-    speed = np.array([[0.9, 1.7, 3.1], [1.1, 2.3, 3.7]]) * rng.uniform(0.9, 1.1, (2, 3))
-    phase = rng.uniform(0, 2 * np.pi, (2, 3))
-    q = np.einsum("k,jkt->tj", [0.5, 0.25, 0.1], np.sin(speed[..., None] * time + phase[..., None]))
-    dq = np.gradient(q, time, axis=0)
-    tau = predict(ROBOT, effects, q, dq, np.gradient(dq, time, axis=0), time)
-    signals = {"q": q, "dq": dq, "tau": tau + 0.2 * rng.normal(size=tau.shape)}
-    return Trajectory(f"{split}_{seed}", split, time, signals)
-
-
 def _closed(effects: Sequence[Effect], settings: LoopSettings | None = None) -> Diagnosis:
-    train = [_log(effects, seed, "train") for seed in (1, 2, 3)]
-    return close_loop(ROBOT, train, [_log(effects, 4, "test")], settings).diagnosis
+    train = [noisy_log(effects, seed, "train", NOISE) for seed in (1, 2, 3)]
+    return close_loop(ROBOT, train, [noisy_log(effects, 4, "test", NOISE)], settings).diagnosis
 
 
 def _named(found: Diagnosis) -> list[tuple[str, str]]:

@@ -4,42 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import pytest
-from tests.small_arm import arm
+from tests.small_arm import arm, noisy_log
 
-from hybrid_dynamics.effects import Effect, Term, predict
+from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop import search as search_module
 from hybrid_dynamics.loop.pairs import pair_on_a_joint
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.search import search
 from hybrid_dynamics.loop.trace import Judge, rank
-from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = arm()
 SHOULDER, _ = ROBOT.joint_names
 SETTINGS = LoopSettings(effects=("coulomb_friction", "viscous_friction", "stribeck_friction"), sign_widths=(0.0,))
+#: Of the torque [N m].
+NOISE = 0.3
 #: Stribeck friction (Coulomb 1 N m) that falls with speed as viscous friction rises: neither is much without the other.
 HIDING = [(2.0, 0.3, 1.5), (3.0, 0.3, 3.0), (3.0, 0.1, 1.5)]
 
 
-def _log(effects: Sequence[Effect], seed: int, split: str) -> Trajectory:
-    """20 s at 200 Hz of sums of three sines, .3 N m of white noise."""
-    rng = np.random.default_rng(seed)
-    time = np.arange(4000) / 200.0
-    speed = np.array([[0.9, 1.7, 3.1], [1.1, 2.3, 3.7]])
-    phase = rng.uniform(0, 2 * np.pi, (2, 3))
-    q = np.einsum("k,jkt->tj", [0.5, 0.25, 0.1], np.sin(speed[..., None] * time + phase[..., None]))
-    dq = np.gradient(q, time, axis=0)
-    tau = predict(ROBOT, effects, q, dq, np.gradient(dq, time, axis=0), time)
-    signals = {"q": q, "dq": dq, "tau": tau + 0.3 * rng.normal(size=tau.shape)}
-    return Trajectory(f"{split}_{seed}", split, time, signals)
-
-
 def _judged(effects: Sequence[Effect], seed: int = 1) -> tuple[Judge, list[Term], list[Term]]:
     """Judge, candidates, and the shoulder's Coulomb friction, where a search that adds one at a time has come to."""
-    logs = read_motion(ROBOT, [_log(effects, seed, "train")], [_log(effects, seed + 50, "test")], SETTINGS)
+    logs = read_motion(
+        ROBOT, [noisy_log(effects, seed, "train", NOISE)], [noisy_log(effects, seed + 50, "test", NOISE)], SETTINGS
+    )
     judge, terms, _ = gather(Model(ROBOT), logs, SETTINGS)
     return judge, terms, [t for t in terms if t.effect == "coulomb_friction" and t.joint == 0]
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import pandas as pd
 
+from hybrid_dynamics.study.blind_score import COLUMNS
 from hybrid_dynamics.study.blind_table import effects_of, missing, pairs
 from hybrid_dynamics.study.claims.blind_checks import blind_checks
-from hybrid_dynamics.study.report.blind import COLUMNS, blind_section
+from hybrid_dynamics.study.report.blind import blind_section
 
 
 def case(name: str, hidden: str = "", **other: Any) -> dict[str, Any]:
@@ -23,6 +24,8 @@ def case(name: str, hidden: str = "", **other: Any) -> dict[str, Any]:
         "sizes": " ".join(["5"] * count), "outcomes": " ".join(["named"] * count),
         "parameter_errors": " ".join(["0.005"] * count), "checked": " ".join(["100"] * count),
         "within": " ".join(["95"] * count), "wrong": "", "stand_ins": "", "alternatives": 1, "loop_seconds": 9.0,
+        "noise_floor": 1.0, "runs": 4, "parameter_error": 0.005, "rate": 500.0, "velocity": True, "listed": "",
+        "joint": 1,
     }  # fmt: skip
     return row | other
 

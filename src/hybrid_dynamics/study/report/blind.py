@@ -9,7 +9,8 @@ from pathlib import Path
 import pandas as pd
 
 from hybrid_dynamics.loop_report.html import Cell, details, escape, table
-from hybrid_dynamics.study.blind_score import LISTED, LOOP_SECONDS, NAMED
+from hybrid_dynamics.loop_report.words import title_of
+from hybrid_dynamics.study.blind_score import COLUMNS, LISTED, LOOP_SECONDS, NAMED
 from hybrid_dynamics.study.blind_table import (
     LONG,
     NOTHING,
@@ -29,33 +30,6 @@ from hybrid_dynamics.study.results import Section, read_csv
 
 #: Edges of the sizes over which detection is counted.
 SIZES = (0.0, 1.0, 1.5, 2.0, 3.0, 6.0, 12.0, math.inf)
-COLUMNS = (
-    "case",
-    "robot",
-    "engine",
-    "hidden",
-    "hidden_joints",
-    "size_over_floor",
-    "named",
-    "named_joints",
-    "named_right",
-    "nothing_wrong_named",
-    "verdict",
-    "rmse_before",
-    "rmse_after",
-    "rmse_true_model",
-    "noise",
-    "seconds",
-    "unknown_forms",
-    "sizes",
-    "outcomes",
-    "parameter_errors",
-    "checked",
-    "within",
-    "wrong",
-    "stand_ins",
-    "alternatives",
-)
 Row = list[Cell | str]
 
 
@@ -179,12 +153,14 @@ def confusion(cases: pd.DataFrame) -> str:
             Cell(str(counts.loc[name, head]) if counts.loc[name, head] else "·", "best" if head == name else "")
             for head in heads
         ]
-        rows.append([Cell(escape(str(name).replace("_", " ")), "text"), *cells])
+        rows.append([Cell(escape(title_of(str(name))), "text"), *cells])
     caption = (
         "Hidden (rows) and named where it sits (columns), all cases and sizes; forms that the catalogue lacks have no "
         "column of their own"
     )
-    return table(["Hidden", *(f"<span>{escape(str(h))}</span>" for h in heads)], rows, caption, kind="confusion")
+    return table(
+        ["Hidden", *(f"<span>{escape(title_of(str(h)))}</span>" for h in heads)], rows, caption, kind="confusion"
+    )
 
 
 def model_errors(known: pd.DataFrame) -> str:
