@@ -213,6 +213,10 @@ class Family(Declared, ABC):
         """True where ``term`` holds ``special`` as a special case."""
         return special.effect in self.contains and special.joint == term.joint
 
+    def joints_of(self, robot: Robot, term: Term) -> list[int]:
+        """0-based joints on which ``term`` holds the families that it contains."""
+        return [] if term.joint is None else [term.joint]
+
     def price(self, settings: Mapping[str, Any]) -> int:
         """What it costs beside an explanation that is as good: its published numbers."""
         return len(self.published(settings))

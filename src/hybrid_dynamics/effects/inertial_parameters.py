@@ -90,6 +90,9 @@ class InertialParameters(Family):
     def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
         return [(10 * i, link_parameters(robot, k)) for i, k in enumerate(self._links(robot, term))]
 
+    def joints_of(self, robot: Robot, term: Term) -> list[int]:
+        return self._links(robot, term)
+
     def covers(self, term: Term, special: Term) -> bool:
         # Bodies of single links, on whatever joint, and one at the end.
         return special.effect in (*self.contains, "payload")

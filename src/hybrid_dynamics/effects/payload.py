@@ -22,6 +22,7 @@ class Payload(Family):
     parameters = BODY_PARAMETERS
     size = 10
     is_body = True
+    contains = ("link_mass", "link_com")
     changes_body = True
     by_regressor = True
     detachable = True
@@ -38,6 +39,9 @@ class Payload(Family):
 
     def twin(self, term: Term, robot: Robot) -> Term | None:
         return Term("link_inertia", robot.n_joints - 1)
+
+    def joints_of(self, robot: Robot, term: Term) -> list[int]:
+        return [robot.n_joints - 1]
 
     def columns(self, motion: Motion, term: Term) -> Array:
         return motion.regressor[:, :, -10:]

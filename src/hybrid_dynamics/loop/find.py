@@ -122,6 +122,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     if chosen != kept:
         # What stood beside one body may be nothing beside all of them.
         judge, chosen = without_noise(judge, chosen)
+    # What is left now beside a body may show that less than a body does.
+    judge, chosen = simplify(judge, chosen, candidates)
     fitted = refit(judge.evidence, chosen)
     judge, beside = beside_links(judge.over(fitted.evidence), chosen)
     return Found(chosen, fitted.x, [], steps, [], judge, beside)

@@ -17,7 +17,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge, joined
+from hybrid_dynamics.loop.trace import Judge, joined, same_place
 
 #: Of the squared noise by second differences, the share by which a joint must exceed it to be asked further.
 EXCESS = 0.1
@@ -89,7 +89,7 @@ def further_beside(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Ter
         return judge, []
     evidence, settings = judge.evidence, judge.settings
     moving = evidence.samples >= FEWEST_ROWS
-    named = {s.joint for s in terms}
+    named = {j for s in terms if not s.family().all_links for j in s.family().joints_of(evidence.robot, s)}
     asked = [t for name in settings.further for t in family(name).terms(evidence.robot, moving, settings.options)]
     # What all joints have together may stand behind a body and one joint's name, too.
     asked = [t for t in asked if t.joint is None or t.joint in named]
@@ -121,26 +121,49 @@ def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term], most
 
 def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """``chosen`` with every effect that holds another as a special case given back to that one where it is as good; and
-    the judge there."""
+    the judge there.
+
+    Of several special cases the cheapest comes first. Each is judged where its own re-fit stands: the law of a centre
+    of mass that lies far away is not linear.
+    """
     out = list(chosen)
     judge = judge.at(out)
     for i in [i for i, term in enumerate(out) if term.family().contains]:
-        term = out[i]
-        plainer = [c for c in candidates if c.effect in term.family().contains and c.joint == term.joint]
-        if term.joint is not None:
-            here = np.arange(judge.evidence.n) == term.joint
-            for name in sorted(set(term.family().contains) - {c.effect for c in plainer}):
-                plainer += family(name).terms(judge.evidence.robot, here, judge.settings.options)
-            judge = judge.adding(plainer)
-        trials = [[*out[:i], c, *out[i + 1 :]] for c in plainer]
-        if not trials:
-            continue
-        evidence = judge.evidence
-        best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[i])))
-        good = judge.as_good(evidence.held(best, physical=True), evidence.held(out, physical=True))
-        if good and (there := take(judge, out, best)) is not None:
-            judge, out = there, best
+        trials = [[*out[:i], c, *out[i + 1 :]] for c in _special_cases(judge, out, out[i], candidates)]
+        judge = judge.adding([trial[i] for trial in trials])
+        for trial in _best_of_each(judge, trials, i):
+            there = take(judge, out, trial)
+            if there is None:
+                continue
+            there = there.adding(out)
+            own, full = (there.evidence.held(terms, physical=True) for terms in (trial, out))
+            if there.as_good(own, full) and there.spares(own, full):
+                judge, out = there, trial
+                break
     return judge, out
+
+
+def _special_cases(judge: Judge, chosen: Sequence[Term], term: Term, candidates: Sequence[Term]) -> list[Term]:
+    """What ``term`` of ``chosen`` holds as a special case: of ``candidates``, or as the families list it."""
+    robot, contained = judge.evidence.robot, term.family().contains
+    joints = term.family().joints_of(robot, term)
+    here = np.isin(np.arange(judge.evidence.n), joints)
+    plainer = [c for c in candidates if c.effect in contained and c.joint in joints]
+    for name in sorted(set(contained) - {c.effect for c in plainer}):
+        listed = family(name).terms(robot, here, judge.settings.options)
+        plainer += [c for c in listed if c.joint in joints]
+    return [c for c in plainer if not any(same_place(c, s) for s in chosen)]
+
+
+def _best_of_each(judge: Judge, trials: Sequence[list[Term]], i: int) -> list[list[Term]]:
+    """Of ``trials``, that differ in their ``i``-th term, the one of each family that predicts best under bounds
+    alone, cheapest first."""
+    best: dict[str, tuple[float, list[Term]]] = {}
+    for trial in sorted(trials, key=lambda t: repr(t[i])):
+        score = judge.evidence.held(trial).score
+        if score < best.get(trial[i].effect, (np.inf, trial))[0]:
+            best[trial[i].effect] = score, trial
+    return [t for _, t in sorted(best.values(), key=lambda item: (judge.price(item[1][i]), item[0], repr(item[1][i])))]
 
 
 def _span(judge: Judge, term: Term) -> float:

@@ -41,7 +41,7 @@ def page(name: str) -> str:
     lines += [f"In the report its residual is drawn against {_VARIABLE[kind.drawn_against]}.", ""]
     if kind.contains:
         special = ", ".join(f"[{e}]({e}.md)" for e in kind.contains)
-        lines += [f"Holds as a special case, which goes from the joint when this one comes: {special}.", ""]
+        lines += [f"Holds as a special case, which is named where it explains as much: {special}.", ""]
     if kind.equivalent_to:
         lines += [
             "## What makes the same torque, and what would tell",
