@@ -309,6 +309,10 @@ class Family(Declared, ABC):
         """Bodies that must stay physical: first of ten coordinates, and the inertia (10,) they are added to."""
         return []
 
+    def inertial_changes(self, x: Array, robot: Robot, term: Term) -> list[Array]:
+        """By how much coordinates ``x`` (p,) change single bodies, (10,) each: of these there is a most that can be."""
+        return []
+
     # -- published parameters -----------------------------------------------------------------------------------------
     def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
         """Keys of the published parameters of an effect with ``settings``, in order."""

@@ -105,6 +105,23 @@ def links_with_mass(robot: Robot, moving: NDArray[np.bool_]) -> list[int]:
     return [j for j in range(robot.n_joints) if moving[: j + 1].any() and link_parameters(robot, j)[0] > 0]
 
 
+def cannot_be(robot: Robot, change: Array) -> bool:
+    """True where no body of ``robot`` differs from the model's by ``change`` (10,), nor carries it.
+
+    No link is off by more than the whole robot weighs, and no arm holds that much in its hand: light ones carry half of
+    their own mass. That mass with its centre as far away as the stretched robot reaches is the largest first moment.
+    Where the model gives a link no mass nothing is known of the robot's, and everything can be.
+    """
+    bodies = [link_parameters(robot, k) for k in range(robot.n_joints)]
+    masses = np.array([own[0] for own in bodies])
+    if np.any(masses <= 0):
+        return False
+    spans = sum(float(np.linalg.norm(robot.model.jointPlacements[i].translation)) for i in robot.joint_ids)
+    reach = spans + max(float(np.linalg.norm(own[1:4])) / float(own[0]) for own in bodies)
+    mass = float(masses.sum())
+    return bool(abs(change[0]) > mass or np.linalg.norm(change[1:4]) > mass * reach)
+
+
 def random_block(rng: np.random.Generator) -> Array:
     """Dynamic parameters (10,) of a solid block of 1 kg within a hand's breadth, which any body may carry."""
     edge = rng.uniform(0.05, 0.2, 3)

@@ -68,6 +68,9 @@ class LinkCom(Family):
     def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.ones(3)
 
+    def inertial_changes(self, x: Array, robot: Robot, term: Term) -> list[Array]:
+        return [np.concatenate([[0.0], x, np.zeros(6)])]
+
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         own = link_parameters(robot, term.index)
         return dict(zip(_AXES, ((own[1:4] + x) / own[0]).tolist(), strict=True))

@@ -71,6 +71,9 @@ class LinkInertia(Family):
     def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
         return [(0, link_parameters(robot, term.index))]
 
+    def inertial_changes(self, x: Array, robot: Robot, term: Term) -> list[Array]:
+        return [x]
+
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return to_body(link_parameters(robot, term.index) + x)
 

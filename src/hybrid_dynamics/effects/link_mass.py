@@ -62,6 +62,9 @@ class LinkMass(Family):
     def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.array([5.0])
 
+    def inertial_changes(self, x: Array, robot: Robot, term: Term) -> list[Array]:
+        return [link_parameters(robot, term.index) * x[0] / link_parameters(robot, term.index)[0]]
+
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return {"mass": float(link_parameters(robot, term.index)[0] + x[0])}
 

@@ -52,6 +52,9 @@ class Payload(Family):
     def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
         return [(0, np.zeros(10))]
 
+    def inertial_changes(self, x: Array, robot: Robot, term: Term) -> list[Array]:
+        return [x]
+
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return to_body(x)
 

@@ -16,6 +16,7 @@ from hybrid_dynamics.loop.forms import forms_as_good
 from hybrid_dynamics.loop.further import further_beside
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, Place, pairs
+from hybrid_dynamics.loop.prune import impossible
 from hybrid_dynamics.loop.scale import gain_instead
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.types import Array
@@ -131,6 +132,9 @@ def _in_place_of(named: _Named, term: Term, free: Sequence[Term], rarer: Sequenc
         if rare and (dearer or not alike) and gain.total <= (gain.error if dearer else 0.0):
             continue
         growth = named.as_good(held)
+        # What cannot be is no explanation, however well it fits.
+        if growth is not None and set(impossible(judge, [*rest, *group])) & set(group):
+            continue
         if growth is not None and (key not in found or -gain.total < found[key][0]):
             same = share > 1 - 1e-6
             motion = motion_that_would_tell(term, group, same)
@@ -159,7 +163,7 @@ def _one_cause(named: _Named, free: Sequence[Term], rarer: Sequence[Term]) -> di
             continue
         rest = [t for t in named.terms if t not in own]
         growth = named.as_good(evidence.held([*rest, cause], evidence.constrained([*rest, cause])))
-        if growth is None:
+        if growth is None or cause in impossible(judge, [*rest, cause]):
             continue
         found.append(cause)
         places = " and ".join(t.effect + _of_joint(evidence, t) for t in own)

@@ -16,7 +16,7 @@ from hybrid_dynamics.loop.forms import choose_forms
 from hybrid_dynamics.loop.further import at_the_end, further_candidates, refine, simplify
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor
-from hybrid_dynamics.loop.prune import choose, from_everything, in_errors, keep_sure, without_noise
+from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, choose_signs, search
@@ -124,6 +124,10 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, chosen = without_noise(judge, chosen)
     # What is left now beside a body may show that less than a body does.
     judge, chosen = simplify(judge, chosen, candidates)
+    if lost := impossible(judge, chosen):
+        # It could be when it was named, and no longer can beside what came in since.
+        rest = [t for t in chosen if t not in lost]
+        judge, chosen = without_noise(*complete(judge, rest, candidates, common))
     fitted = refit(judge.evidence, chosen)
     judge, beside = beside_links(judge.over(fitted.evidence), chosen)
     return Found(chosen, fitted.x, [], steps, [], judge, beside)
@@ -144,13 +148,18 @@ def _refined(
     """Search on from ``chosen`` and refine; without what ends where no such law is, once more. With the judge there."""
     judge, steps = search(judge, candidates, report, chosen, replacing)
     judge, found = refine(judge, steps[-1].terms)
-    if implausible := at_the_end(found):
+    if implausible := _implausible(judge, found):
         rest = [c for c in candidates if not any(same_place(c, t) for t in implausible)]
         judge, further = search(judge, rest, report, [t for t in found if t not in implausible], replacing)
         steps += further
         judge, found = refine(judge, steps[-1].terms)
-        implausible = at_the_end(found)
+        implausible = _implausible(judge, found)
     return judge, [t for t in found if t not in implausible], steps
+
+
+def _implausible(judge: Judge, found: Sequence[Term]) -> list[Term]:
+    """Those of ``found`` that are at the end of what is plausible, or beyond."""
+    return [*at_the_end(found), *impossible(judge, found)]
 
 
 def _surely(

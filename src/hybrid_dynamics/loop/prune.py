@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects.inertia import cannot_be
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
@@ -216,11 +217,27 @@ def in_errors(judge: Judge, current: Sequence[Term], x: Array) -> dict[Term, flo
     return {t: float(sizes[start : start + t.size].max()) for t, start in places if not t.family().is_body}
 
 
+def impossible(judge: Judge, current: Sequence[Term]) -> list[Term]:
+    """Those of ``current`` that change a single body by more than can be."""
+    if not any(term.family().changes_body for term in current):
+        return []
+    evidence = judge.evidence
+    x, layout, robot = evidence.fit(current), evidence.layout(current), evidence.robot
+    return [
+        term
+        for term, start in zip(layout.terms, layout.starts, strict=True)
+        if any(
+            cannot_be(robot, change)
+            for change in term.family().inertial_changes(x[start : start + term.size], robot, term)
+        )
+    ]
+
+
 def _forced(judge: Judge, current: Sequence[Term]) -> set[Term]:
     """Terms that stand at the end of what is plausible: the data wants what cannot be, so they are something else."""
     evidence = judge.evidence
     x, layout = evidence.fit(current), evidence.layout(current)
-    out = set()
+    out = set(impossible(judge, current))
     for term, start in zip(layout.terms, layout.starts, strict=True):
         lower = term.family().lower_bounds(evidence.robot, term)
         # At zero an effect that only takes energy is just not there.

@@ -1,0 +1,116 @@
+"""A body that cannot be is no result: what else explains its torque is asked; a heavy one that can be stays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from tests.small_arm import URDF
+from tests.test_loop_beside import ROBOT, SHOULDER, judged
+
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects.inertia import cannot_be, link_parameters, to_body
+from hybrid_dynamics.loop import alternatives, prune
+from hybrid_dynamics.loop import find as find_module
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.search import Step
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.robots import Robot
+
+LINK, SPRING = Term("link_inertia", 0), Term("joint_spring", 0, (("shape", "linear"),))
+HIDDEN = Effect("joint_spring", (SHOULDER,), {"stiffness": 30.0, "rest_position": 0.0}, {"shape": "linear"})
+#: Of the arm: 4 kg and 2 kg; the elbow .4 m from the shoulder, the farther centre .2 m from its joint.
+MASS, REACH = 6.0, 0.6
+
+
+def heavier(times: float) -> Effect:
+    """The first link, heavier by so many times its mass."""
+    return Effect("link_inertia", (SHOULDER,), to_body(link_parameters(ROBOT, 0) * (1 + times)))
+
+
+def with_spring(effect: Effect) -> Judge:
+    """Evidence of one run in few poses with ``effect``, where the link stands for it; a spring can be asked."""
+    judge, _, _ = judged([effect])
+    return judge.adding([SPRING]).at([LINK])
+
+
+def silent(step: Step) -> None:
+    assert step.terms is not None
+
+
+def nothing(judge: Judge, current: Sequence[Term]) -> list[Term]:
+    return []
+
+
+def test_a_link_many_times_the_robot_gives_way_to_what_it_stood_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge = with_spring(HIDDEN)
+    x = refit(judge.evidence, [LINK]).x
+    assert x[0] > 5 * MASS
+    assert prune.impossible(judge, [LINK]) == [LINK]
+    candidates = [*judge.evidence.terms]
+    _, kept, _, _ = find_module._surely(judge, [LINK], candidates, len(candidates), silent)
+    assert kept == [SPRING]
+    # Control: by what it explains alone it would stay.
+    monkeypatch.setattr(prune, "impossible", nothing)
+    _, kept, _, _ = find_module._surely(judge, [LINK], candidates, len(candidates), silent)
+    assert kept == [LINK]
+
+
+def test_it_is_let_go_of_when_nonlinear_parameters_are_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge = with_spring(HIDDEN)
+    for known, ends in ((prune.impossible, []), (nothing, [LINK])):
+        monkeypatch.setattr(find_module, "impossible", known)
+        assert find_module._refined(judge, [LINK], [LINK], silent)[1] == ends
+
+
+@pytest.mark.parametrize("times", [1.0, 1.4])
+def test_a_heavy_block_that_can_be_stays(times: float) -> None:
+    judge = with_spring(heavier(times))
+    candidates = [*judge.evidence.terms]
+    assert prune.impossible(judge, [LINK]) == []
+    _, kept, _, _ = find_module._surely(judge, [LINK], candidates, len(candidates), silent)
+    assert kept == [LINK]
+
+
+def test_what_cannot_be_is_no_alternative(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge = with_spring(HIDDEN).at([SPRING])
+    monkeypatch.setattr(alternatives._Named, "as_good", lambda named, held: np.zeros(2))
+
+    def listed() -> list[str]:
+        entries = alternatives.indistinguishable(judge, [SPRING], [LINK])[SPRING]
+        return [e["effect"] for entry in entries for e in entry["effects"]]
+
+    assert "link_inertia" not in listed()
+    monkeypatch.setattr(alternatives, "impossible", nothing)
+    assert "link_inertia" in listed()
+
+
+@pytest.mark.parametrize(
+    ("change", "impossible"),
+    [
+        ((0.9 * MASS, 0, 0, 0), False),
+        ((1.1 * MASS, 0, 0, 0), True),
+        ((-1.1 * MASS, 0, 0, 0), True),
+        ((MASS, 0, 0.7 * MASS * REACH, 0.7 * MASS * REACH), False),
+        ((0.0, 0, 0.8 * MASS * REACH, 0.8 * MASS * REACH), True),
+    ],
+)
+def test_the_robot_itself_is_the_measure(change: tuple[float, ...], impossible: bool) -> None:
+    assert cannot_be(ROBOT, np.array([*change, *[0.0] * 6])) == impossible
+
+
+def test_without_masses_everything_can_be() -> None:
+    unknown = Robot.from_text(URDF.replace('<mass value="2"/>', '<mass value="0"/>'), "no mass")
+    assert not cannot_be(unknown, np.array([1e3, *[0.0] * 9]))
+
+
+def test_every_body_of_one_link_is_measured() -> None:
+    change = 2 * MASS * np.eye(10)[0]
+    for name, x in (("payload", change), ("link_inertia", change), ("link_mass", change[:1])):
+        term = Term(name, None if name == "payload" else 0)
+        assert any(cannot_be(ROBOT, own) for own in term.family().inertial_changes(x, ROBOT, term))
+        assert not any(cannot_be(ROBOT, own) for own in term.family().inertial_changes(0.4 * x, ROBOT, term))
+    centre = Term("link_com", 0)
+    (own,) = centre.family().inertial_changes(np.array([2 * MASS * REACH, 0.0, 0.0]), ROBOT, centre)
+    assert cannot_be(ROBOT, own)
