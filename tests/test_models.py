@@ -110,6 +110,19 @@ def test_round_trip_predicts_the_same_bits(arm, method, tmp_path):
         assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes()
 
 
+def test_arrays_stored_by_columns_come_back_in_their_places(arm, tmp_path):
+    X, y = arm
+    settings = NetworkSettings(hidden=(4, 3), epochs=1)
+    model = NetworkEstimator(settings).fit(X, y)
+    straight = {name: values.copy() for name, values in model.weights_.items()}
+    model.weights_ = {name: np.asfortranarray(values) for name, values in straight.items()}
+    assert not model.weights_["0.weight"].flags.c_contiguous
+    save_estimator(model, tmp_path)
+    again = load_estimator(tmp_path)
+    for name, values in straight.items():
+        np.testing.assert_array_equal(again.weights_[name], values)  # type: ignore[attr-defined]
+
+
 def test_expressions_are_the_model(arm):
     X, y = arm
     y = y + 0.3 * np.sin(X[:, :2])

@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
@@ -29,8 +30,10 @@ def save_estimator(estimator: Estimator, folder: str | os.PathLike[str]) -> None
     document = {"schema": SCHEMA, "model": _dump(estimator, weights, "model")}
     path = Path(folder) / WEIGHTS_FILE
     if weights:
+        # safetensors writes an array's memory: one stored by columns would come back with its values exchanged.
+        rows = {name: np.ascontiguousarray(values) for name, values in weights.items()}
         with atomic_path(path) as temporary:
-            save_file(weights, temporary)
+            save_file(rows, temporary)
     else:
         path.unlink(missing_ok=True)
     write_json(Path(folder) / MODEL_FILE, document)
