@@ -1,11 +1,12 @@
 """Compose ``conf/`` into ``params.yaml``, exactly as ``dvc exp run`` does (arguments are Hydra overrides).
 
 A setting that the library has and its file in ``conf/`` lacks is first written there with its default: every number
-that shapes the study can be seen and overridden (`dvc exp run -S`). What stands there is never changed.
+that shapes the study can be seen and overridden (`dvc exp run -S`). What stands there is never changed. The group of a
+method of the table that ``conf/config.yaml`` does not name yet is named there.
 """
 
 import sys
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,9 @@ from hybrid_dynamics.study.blind import BlindSettings
 from hybrid_dynamics.study.evaluation import EvaluationSettings
 
 ROOT = Path(__file__).resolve().parents[1]
+CONFIG = "config.yaml"
+#: The file of a layer's group that the study begins with, where it is not ``default.yaml``.
+LAYER_FILES = {"sr": "operon", "sindy": "published", "sindy_scaled": "scaled", "nn": "paper"}
 
 
 def plain(settings: Any) -> dict[str, Any]:
@@ -54,7 +58,6 @@ def defaults() -> dict[str, dict[str, Any]]:
         "controller": plain(ControllerSettings()),
     }
     layers = {m.layer.section: m.layer for m in METHODS.values() if m.layer is not None}
-    files = {"sr": "sr/operon.yaml", "sindy": "sindy/published.yaml", "sindy_scaled": "sindy_scaled/scaled.yaml"}
     return {
         "loop/default.yaml": plain(LoopSettings()),
         "least_squares/default.yaml": plain(LeastSquaresSettings()),
@@ -65,10 +68,7 @@ def defaults() -> dict[str, dict[str, Any]]:
         "twin/default.yaml": {**simulation, "sensors": plain(SensorSettings()), "follow": [], "follow_period": 1e-3},
         "reader/ur10e.yaml": {"format": "ur10e", "ur10e": plain(Ur10eSettings())},
         **{f"differentiate/{name}.yaml": plain(DifferentiateSettings(name)) for name in (ZOH, *DIFFERENTIATORS)},
-    } | {
-        files.get(name, f"{name}/{'paper' if name == 'nn' else 'default'}.yaml"): plain(layer.settings())
-        for name, layer in layers.items()
-    }
+    } | {f"{name}/{LAYER_FILES.get(name, 'default')}.yaml": plain(layer.settings()) for name, layer in layers.items()}
 
 
 #: Settings that another group of ``conf/`` holds.
@@ -103,7 +103,31 @@ def complete(conf: Path) -> list[str]:
         with atomic_path(path) as temporary:
             yaml.dump(document, temporary)
         added += [f"conf/{name}: {key}" for key in lacking]
-    return added
+    path = conf / CONFIG
+    document = yaml.load(path.read_text("utf-8"))
+    groups = unnamed(document["defaults"])
+    if groups:
+        for name in groups:
+            # Behind the groups of the other layers: what stands below may override them.
+            place = max(k for k, entry in enumerate(document["defaults"]) if _group(entry) in _sections()) + 1
+            document["defaults"].insert(place, {name: LAYER_FILES.get(name, "default")})
+        with atomic_path(path) as temporary:
+            yaml.dump(document, temporary)
+    return added + [f"conf/{CONFIG}: {name}" for name in groups]
+
+
+def unnamed(entries: Sequence[Any]) -> list[str]:
+    """Sections of layers whose group does not stand among ``entries``, the defaults of ``conf/config.yaml``."""
+    known = {_group(entry) for entry in entries}
+    return [name for name in _sections() if name not in known]
+
+
+def _sections() -> list[str]:
+    return list(dict.fromkeys(m.layer.section for m in METHODS.values() if m.layer is not None))
+
+
+def _group(entry: Any) -> str:
+    return str(next(iter(entry))) if isinstance(entry, Mapping) else str(entry)
 
 
 def _fill(document: MutableMapping[str, Any], wanted: Mapping[str, Any]) -> None:

@@ -86,6 +86,20 @@ def test_what_is_missing_is_added_and_nothing_else_is_touched(tmp_path):
     assert complete(tmp_path / "conf") == []
 
 
+def test_the_group_of_a_new_method_is_named_in_the_study(tmp_path):
+    """A method is one module and one entry of the table: no line of conf/config.yaml is written by hand."""
+    shutil.copytree(CONF, tmp_path / "conf")
+    file = tmp_path / "conf/config.yaml"
+    text = file.read_text("utf-8")
+    file.write_text(text.replace("  - nn: paper\n", ""), "utf-8")
+    assert complete(tmp_path / "conf") == ["conf/config.yaml: nn"]
+    again = yaml.safe_load(file.read_text("utf-8"))["defaults"]
+    assert sorted(again, key=str) == sorted(yaml.safe_load(text)["defaults"], key=str)
+    assert again.index({"nn": "paper"}) < again.index("_self_")
+    assert "# last: it overrides" in file.read_text("utf-8")
+    assert complete(tmp_path / "conf") == []
+
+
 def leaves(values, path=""):
     for name, value in values.items():
         if isinstance(value, dict):
