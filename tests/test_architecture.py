@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import copy
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -103,6 +104,22 @@ def test_a_named_effect_is_found_and_a_word_of_another_kind_is_not() -> None:
     assert effects_named('KINDS = {"stribeck_friction": 1}') == ["stribeck_friction"]
     assert effects_named('if term.effect in {"armature"}: pass') == ["armature"]
     assert effects_named('row = {"armature": robot.armature}') == []
+
+
+def untold(folder: str, text: str) -> list[str]:
+    """Modules and packages of ``folder`` that no table of ``text`` (docs/architecture.md) names as what it is about."""
+    rows = re.findall(r"^\|([^|]*`[^|]*)\|", text[text.index("## Modules") :], re.M)
+    about = {name for row in rows for name in re.findall(r"`([\w/]+)`", row)}
+    paths = [p for p in (ROOT / "src" / PACKAGE / folder).iterdir() if p.suffix in ("", ".py") and p.name[:2] != "__"]
+    return sorted({p.stem if p.is_file() else f"{p.name}/" for p in paths} - about)
+
+
+@pytest.mark.parametrize("folder", ["", "loop", "study"])
+def test_every_module_stands_in_the_architecture(folder: str) -> None:
+    text = (ROOT / "docs/architecture.md").read_text("utf-8")
+    assert untold(folder, text) == []
+    # The control: one that is left out is named.
+    assert untold("study", text.replace("`plausible`", "`feasible`")) == ["plausible"]
 
 
 def test_no_files_import_one_another_in_a_circle() -> None:
