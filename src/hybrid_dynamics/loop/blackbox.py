@@ -56,15 +56,23 @@ class Learnable:
 
 
 def state_features(run: Run, joint: int) -> Array:
-    """Inputs (K, p): states of all joints, the time since the run began (what warms up does so in every run), earlier
-    speeds and the distance since the last reversal of ``joint``."""
+    """Inputs (K, p): states of all joints, earlier speeds and the distance since the last reversal of ``joint``."""
+    return np.hstack([run.q, run.dq, run.ddq, *_history(run, joint)])
+
+
+def timed_features(run: Run, joint: int) -> Array:
+    """:func:`state_features` and the time since the run began: what warms up does so in every run."""
+    since = (run.time - run.time[0])[:, None]
+    return np.hstack([run.q, run.dq, run.ddq, since, *_history(run, joint)])
+
+
+def _history(run: Run, joint: int) -> list[Array]:
     step = float(np.median(np.diff(run.time)))
-    parts = [run.q, run.dq, run.ddq, (run.time - run.time[0])[:, None]]
+    parts = []
     for windows in LAGS:
         lag = max(round(windows / run.cutoff / step), 1)
         parts.append(np.vstack([np.repeat(run.dq[:1, [joint]], min(lag, len(run.dq)), axis=0), run.dq[:-lag, [joint]]]))
-    parts.append(since_reversal(run.q[:, joint])[:, None])
-    return np.hstack(parts)
+    return [*parts, since_reversal(run.q[:, joint])[:, None]]
 
 
 def since_reversal(q: Array) -> Array:

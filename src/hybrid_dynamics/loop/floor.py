@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.loop.binned import curves_of
-from hybrid_dynamics.loop.blackbox import holm, learnable, state_features
+from hybrid_dynamics.loop.blackbox import holm, learnable, timed_features
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.types import Array
@@ -115,7 +115,7 @@ def examine(
     folds = _folds(runs, settings.time_folds)
     share, p, strange = np.zeros(n), np.ones(n), np.zeros(n, bool)
     for j in np.flatnonzero(seen & (rms > np.maximum(resolution, rounded_away))):
-        features = [state_features(run, int(j)) for run in runs]
+        features = [timed_features(run, int(j)) for run in runs]
         curves = [curves_of(run, int(j)) for run in runs]
         found = learnable(features, curves, [r[:, j] for r in residual], [m[:, j] for m in mask], folds)
         share[j], p[j] = found.share, found.p_value
