@@ -11,6 +11,8 @@ from tests.small_arm import arm, noisy_log
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop import LoopSettings, close_loop
 from hybrid_dynamics.loop.diagnosis import Diagnosis
+from hybrid_dynamics.loop.process import process
+from hybrid_dynamics.loop.warming import friction_in_time, linear_prediction
 
 ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
@@ -51,3 +53,20 @@ def test_what_follows_the_time_of_a_run_is_no_all_clear() -> None:
     assert list(found.motion_dependent) == [True, False]
     # Control: without it nothing is left.
     assert _closed([COULOMB], plain).verdict == "explained"
+
+
+def test_friction_in_time_is_learned_on_other_runs_and_nothing_is_of_noise() -> None:
+    rng = np.random.default_rng(0)
+    runs = [process(noisy_log([], seed, "train", NOISE), ROBOT, LoopSettings().process) for seed in (1, 2, 3)]
+    x = np.vstack([friction_in_time(run, 0, 20.0) for run in runs])
+    since = np.concatenate([run.time - run.time[0] for run in runs])
+    fold = np.concatenate([np.full(len(run.time), r) for r, run in enumerate(runs)])
+    keep = np.ones(len(fold), bool)
+    noise = 0.5 * rng.normal(size=len(fold))
+    fading = np.sign(np.concatenate([run.dq[:, 0] for run in runs])) * np.exp(-since / 10.0)
+    left = {name: y - linear_prediction(x, y, keep, fold) for name, y in (("fading", fading + noise), ("none", noise))}
+    # What a parabola leaves of the exponential, and six numbers of the noise of two runs.
+    assert np.mean(left["fading"] ** 2) < 1.02 * np.mean(noise**2)
+    assert np.mean(left["none"] ** 2) == pytest.approx(np.mean(noise**2), rel=0.02)
+    # Rows that nobody uses are not predicted.
+    assert not linear_prediction(x, fading, keep, np.where(fold == 1, -1, fold))[fold == 1].any()

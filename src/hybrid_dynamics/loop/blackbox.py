@@ -22,6 +22,7 @@ from scipy.stats import norm
 
 from hybrid_dynamics.loop.binned import binned_prediction, over_all
 from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.warming import linear_prediction
 from hybrid_dynamics.types import Array
 
 if TYPE_CHECKING:
@@ -57,22 +58,13 @@ class Learnable:
 
 def state_features(run: Run, joint: int) -> Array:
     """Inputs (K, p): states of all joints, earlier speeds and the distance since the last reversal of ``joint``."""
-    return np.hstack([run.q, run.dq, run.ddq, *_history(run, joint)])
-
-
-def timed_features(run: Run, joint: int) -> Array:
-    """:func:`state_features` and the time since the run began: what warms up does so in every run."""
-    since = (run.time - run.time[0])[:, None]
-    return np.hstack([run.q, run.dq, run.ddq, since, *_history(run, joint)])
-
-
-def _history(run: Run, joint: int) -> list[Array]:
     step = float(np.median(np.diff(run.time)))
-    parts = []
+    parts = [run.q, run.dq, run.ddq]
     for windows in LAGS:
         lag = max(round(windows / run.cutoff / step), 1)
         parts.append(np.vstack([np.repeat(run.dq[:1, [joint]], min(lag, len(run.dq)), axis=0), run.dq[:-lag, [joint]]]))
-    return [*parts, since_reversal(run.q[:, joint])[:, None]]
+    parts.append(since_reversal(run.q[:, joint])[:, None])
+    return np.hstack(parts)
 
 
 def since_reversal(q: Array) -> Array:
@@ -96,18 +88,22 @@ def learnable(
     residual: Sequence[Array],
     counted: Sequence[NDArray[np.bool_]],
     fold: Sequence[NDArray[np.int_]],
+    warming: Sequence[Array] = (),
     seed: int = 0,
 ) -> Learnable:
-    """What a black box still learns: trees on the states, or a curve over one variable (:mod:`.binned`).
+    """What a black box still learns: trees on the states, a curve over one variable (:mod:`.binned`), or friction that
+    changes while a run lasts (:mod:`.warming`).
 
     Per run: ``features`` (K, p), ``curves`` its variables, ``residual`` (K,) [N m], rows that count (K,), fold of every
-    row (K,); a fold of -1 is used by nobody. The smallest p-value counts, times the number of predictors asked
-    (Bonferroni), with the share that this predictor removes.
+    row (K,), columns ``warming`` (K, p); a fold of -1 is used by nobody. The smallest p-value counts, times the number
+    of predictors asked (Bonferroni), with the share that this predictor removes.
     """
     y, keep, folds = np.concatenate(residual), np.concatenate(counted), np.concatenate(fold)
     predictions = [_trees(np.vstack(features), y, keep, folds, seed)]
     for which in range(len(curves[0])):
         predictions.append(binned_prediction(*over_all(curves, which), y, keep, folds))
+    if warming:
+        predictions.append(linear_prediction(np.vstack(warming), y, keep, folds))
     found = [_worth(p, y, residual, counted, seed) for p in predictions]
     best = min(found, key=lambda f: (f.p_value, -f.share))
     return replace(best, p_value=min(best.p_value * len(found), 1.0))

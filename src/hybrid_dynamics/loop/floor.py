@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.loop.binned import curves_of
-from hybrid_dynamics.loop.blackbox import holm, learnable, timed_features
+from hybrid_dynamics.loop.blackbox import holm, learnable, state_features
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.loop.warming import friction_in_time
 from hybrid_dynamics.types import Array
 
 Mask = NDArray[np.bool_]
@@ -114,10 +115,12 @@ def examine(
     colour = autocorrelation(runs, residual, mask)
     folds = _folds(runs, settings.time_folds)
     share, p, strange = np.zeros(n), np.ones(n), np.zeros(n, bool)
+    longest = max(float(np.ptp(run.time)) for run in runs)
     for j in np.flatnonzero(seen & (rms > np.maximum(resolution, rounded_away))):
-        features = [timed_features(run, int(j)) for run in runs]
+        features = [state_features(run, int(j)) for run in runs]
         curves = [curves_of(run, int(j)) for run in runs]
-        found = learnable(features, curves, [r[:, j] for r in residual], [m[:, j] for m in mask], folds)
+        warming = [friction_in_time(run, int(j), longest) for run in runs]
+        found = learnable(features, curves, [r[:, j] for r in residual], [m[:, j] for m in mask], folds, warming)
         share[j], p[j] = found.share, found.p_value
         remembers = colour[j] > REMEMBERS and (
             rms[j] > TWICE * low[j] or _unshared(runs, mask, folds, int(j)) > UNSHARED
