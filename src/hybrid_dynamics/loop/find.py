@@ -123,7 +123,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         # What stood beside one body may be nothing beside all of them.
         judge, chosen = without_noise(judge, chosen)
     # What is left now beside a body may show that less than a body does.
-    judge, chosen = simplify(judge, chosen, candidates)
+    judge, chosen = simplify(judge, chosen, candidates, bodies=True)
     if lost := impossible(judge, chosen):
         # It could be when it was named, and no longer can beside what came in since.
         rest = [t for t in chosen if t not in lost]

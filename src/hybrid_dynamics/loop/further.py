@@ -119,16 +119,18 @@ def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term], most
     return [term for _, term in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:most]]
 
 
-def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+def simplify(
+    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], bodies: bool = False
+) -> tuple[Judge, list[Term]]:
     """``chosen`` with every effect that holds another as a special case given back to that one where it is as good; and
     the judge there.
 
     Of several special cases the cheapest comes first. Each is judged where its own re-fit stands: the law of a centre
-    of mass that lies far away is not linear.
+    of mass that lies far away is not linear. ``bodies``: of bodies alone.
     """
     out = list(chosen)
     judge = judge.at(out)
-    for i in [i for i, term in enumerate(out) if term.family().contains]:
+    for i in [i for i, term in enumerate(out) if term.family().contains and (term.family().is_body or not bodies)]:
         trials = [[*out[:i], c, *out[i + 1 :]] for c in _special_cases(judge, out, out[i], candidates)]
         judge = judge.adding([trial[i] for trial in trials])
         for trial in _best_of_each(judge, trials, i):
@@ -152,7 +154,9 @@ def _special_cases(judge: Judge, chosen: Sequence[Term], term: Term, candidates:
     for name in sorted(set(contained) - {c.effect for c in plainer}):
         listed = family(name).terms(robot, here, judge.settings.options)
         plainer += [c for c in listed if c.joint in joints]
-    return [c for c in plainer if not any(same_place(c, s) for s in chosen)]
+    # Whether one link's ten numbers or all links' is asked elsewhere, with another burden of proof (loop/widen.py).
+    bodies = term.family().all_links
+    return [c for c in plainer if not any(same_place(c, s) for s in chosen) and not (bodies and c.family().is_body)]
 
 
 def _best_of_each(judge: Judge, trials: Sequence[list[Term]], i: int) -> list[list[Term]]:
