@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 #: Files of tests that run the pipeline, whole loops on arms with six or seven joints, a browser, a compiler or MLflow:
-#: they take part in `make test`, not in `make check`.
+#: they take part in `make test`, not in `make check`. Single tests of other files are marked where they stand.
 SLOW = frozenset(
     {
         "test_benchmarks",
@@ -34,6 +34,7 @@ SLOW = frozenset(
         "test_study_engine",
         "test_tracking",
         "test_tracking_loop",
+        "test_tracking_park",
         "test_urdf_dynamics",
     }
 )

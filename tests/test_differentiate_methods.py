@@ -24,6 +24,15 @@ STRONG = {"butterworth": 4.0, "spline": 4.0, "kalman": 4.0, "savitzky_golay": 15
 LINEAR = [name for name, method in DIFFERENTIATORS.items() if method.response is not None]
 
 
+def with_every_method(first, second):
+    """Both values with every method; total variation takes longest: with ``first`` in `make test` alone."""
+    return [
+        pytest.param(value, name, marks=pytest.mark.slow if (value, name) == (first, "total_variation") else ())
+        for name in DIFFERENTIATORS
+        for value in (first, second)
+    ]
+
+
 def motion(order, rows=ROWS, joints=2):
     t = DT * np.arange(rows)
     w = 2 * np.pi * np.array([0.15, 0.4, 0.9, 1.6])
@@ -123,8 +132,7 @@ def test_bandwidth_lies_above_the_fastest_sine_and_grows_with_it():
     assert fast == pytest.approx(4 * slow, rel=1e-6)
 
 
-@pytest.mark.parametrize("counts", [65536, 4096])
-@pytest.mark.parametrize("name", DIFFERENTIATORS)
+@pytest.mark.parametrize(("counts", "name"), with_every_method(65536, 4096))
 def test_automatic_choice_is_near_the_best(name, counts, truth):
     one = run({name: value[:, :1] for name, value in truth.signals.items()})
     rows = derivative_errors(one, run({"q": encoder(one["q"], counts)}), [name])
@@ -176,8 +184,7 @@ def test_parameters_may_be_given_per_derivative():
 # --- whole runs --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("velocity", [False, True])
-@pytest.mark.parametrize("name", DIFFERENTIATORS)
+@pytest.mark.parametrize(("velocity", "name"), with_every_method(False, True))
 def test_whole_runs_with_every_method(name, velocity, truth):
     rng = np.random.default_rng(0)
     signals = {"q": encoder(truth["q"], 65536), "tau": 2 * truth["ddq"] + truth["dq"]}

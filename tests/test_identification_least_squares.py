@@ -156,6 +156,7 @@ def test_plain_sign_is_chosen_for_dry_friction_and_a_width_for_a_smooth_one(robo
     assert (LeastSquares(robot).fit(smooth).sign_width_ == 0.08).all()
 
 
+@pytest.mark.slow
 def test_standard_errors_cover_the_truth_under_autocorrelated_noise(robot: Robot) -> None:
     settings = LeastSquaresSettings(physical=False, sign_widths=(0.0,), reweightings=1)
     t, q, dq, ddq = motion(7, 40.0, rate=50.0)

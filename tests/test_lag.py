@@ -49,7 +49,7 @@ def test_delays_and_lags_of_a_model_add_up_each_for_itself() -> None:
     assert not read.plain
 
 
-@pytest.mark.parametrize("response", ["delay", "lag"])
+@pytest.mark.parametrize("response", [pytest.param("delay", marks=pytest.mark.slow), "lag"])
 def test_each_is_told_from_the_other_and_right(response: str) -> None:
     settings = {} if response == "delay" else {"response": "lag"}
     hidden = Effect("time_delay", (), {"delay": 0.04}, settings)

@@ -109,6 +109,7 @@ def test_a_project_of_two_data_sets_is_built_and_plain_repro_agrees(tmp_path):
     assert "up to date" in again.stdout
 
 
+@pytest.mark.slow
 def test_a_lane_waits_for_the_lock_of_another_process(tmp_path):
     """DVC alone gives up after three seconds; on a busy machine another one holds the lock for longer."""
     environment = pipeline(tmp_path)

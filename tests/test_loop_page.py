@@ -239,6 +239,7 @@ def test_text_has_the_contrast_that_wcag_asks_for(block):
             assert (high + 0.05) / (low + 0.05) >= 4.5, (paper, ink)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_the_page_in_a_browser(page, content, dark):
     html = content_html(contradicted(content)) if dark else page

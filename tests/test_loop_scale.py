@@ -76,6 +76,7 @@ def test_links_that_are_off_each_its_own_way_are_no_gain(panda: Robot) -> None:
     assert set(names) & {"inertial_parameters", "link_inertia", "link_mass", "payload"}
 
 
+@pytest.mark.slow
 def test_asked_on_top_of_a_gain_an_effect_has_its_own_size(panda: Robot) -> None:
     """What is added to a robot whose torque is read 1.25 times too large is read so too."""
     friction = Effect("viscous_friction", ("panda_joint3",), {"viscous_coefficient": 3.0})
@@ -141,10 +142,12 @@ def _both(rng: np.random.Generator, own: Array, scale: Array) -> Array:
     return _heavier(rng, own, scale) + 0.2 * _anyhow(rng, own, scale)
 
 
-@pytest.mark.parametrize("factor", [0.0, 0.2])
+@pytest.mark.parametrize("factor", [pytest.param(0.0, marks=pytest.mark.slow), 0.2])
 # Parameters that are off each on its own, as no link's are, are partly taken for links' own factors: too wide, never
 # too sure.
-@pytest.mark.parametrize(("off", "least"), [(_heavier, 0.8), (_anyhow, 0.5), (_both, 0.8)])
+@pytest.mark.parametrize(
+    ("off", "least"), [(_heavier, 0.8), pytest.param(_anyhow, 0.5, marks=pytest.mark.slow), (_both, 0.8)]
+)
 def test_a_common_factor_is_as_uncertain_as_links_scatter(
     motion: tuple[Evidence, Term, Term],
     off: Callable[[np.random.Generator, Array, Array], Array],

@@ -137,6 +137,7 @@ def test_what_has_stayed_is_shared_and_not_copied(evidence: Evidence) -> None:
     assert evidence.adding([Term("joint_spring", 1, (("shape", "linear"),))]).held([DRY]) is held
 
 
+@pytest.mark.slow
 def test_the_same_search_from_the_same_judge_ends_alike() -> None:
     judge, terms = judged()
     found = [find(judge, terms, lambda step: None) for _ in range(2)]

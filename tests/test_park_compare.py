@@ -60,6 +60,7 @@ def test_a_difference_is_told_with_its_size_and_where_it_is(colour: float) -> No
     assert back[0].relative / back[0].error == pytest.approx(-joints[0].relative / joints[0].error)
 
 
+@pytest.mark.slow
 def test_nothing_between_them_is_as_good_as_often_as_promised() -> None:
     """Two models off by as much, each in its own way: which is better on one log is chance."""
     verdicts = []

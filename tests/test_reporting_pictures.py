@@ -128,6 +128,7 @@ def test_the_shadow_lies_on_the_ground() -> None:
     assert (shadow(shadow(corners)) == shadow(corners)).all()
 
 
+@pytest.mark.slow
 def test_the_arm_is_drawn_in_its_pose(tmp_path: Path) -> None:
     urdf = find_description("panda_description/urdf/panda.urdf")
     pose = {f"panda_joint{k + 1}": v for k, v in enumerate((0.3, -0.5, 0.2, -1.9, 0.1, 1.6, 0.5))}
