@@ -13,7 +13,7 @@ from hybrid_dynamics.effects.inertia import BODY_PARAMETERS
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.find import Found, find
-from hybrid_dynamics.loop.further import _special_cases, simplify
+from hybrid_dynamics.loop.further import _special_cases, simplify_bodies
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.simulation.excitation import excitations
@@ -76,11 +76,11 @@ def test_a_block_with_its_own_centre_stays_a_payload(times: float) -> None:
 def test_only_cases_of_its_own_link_are_asked() -> None:
     # The mass of the other link: no body at the elbow comes down to that.
     judge, terms = judged([Effect("link_mass", (SHOULDER,), {"mass": 6.0})])
-    assert simplify(judge, [PAYLOAD], terms)[1] == [PAYLOAD]
+    assert simplify_bodies(judge, [PAYLOAD], terms)[1] == [PAYLOAD]
     # Nor one at the shoulder, though the families list the places of all links behind it.
     everywhere = [Term("link_mass", 0), Term("link_mass", 1), *terms]
     for term, joint in ((Term("link_inertia", 0), 0), (PAYLOAD, 1)):
         asked = _special_cases(judge, [term], term, everywhere)
         assert {(t.effect, t.joint) for t in asked} == {("link_mass", joint), ("link_com", joint)}
     judge, terms = judged([Effect("link_mass", (ELBOW,), {"mass": 3.0})])
-    assert simplify(judge, [PAYLOAD], terms)[1] == [Term("link_mass", 1)]
+    assert simplify_bodies(judge, [PAYLOAD], terms)[1] == [Term("link_mass", 1)]

@@ -13,7 +13,7 @@ from hybrid_dynamics.loop.beside import beside_links, wanted
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.forms import choose_forms
-from hybrid_dynamics.loop.further import at_the_end, further_candidates, refine, simplify
+from hybrid_dynamics.loop.further import at_the_end, further_candidates, refine, simplify, simplify_bodies
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
@@ -122,8 +122,11 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     if chosen != kept:
         # What stood beside one body may be nothing beside all of them.
         judge, chosen = without_noise(judge, chosen)
-    # What is left now beside a body may show that less than a body does.
-    judge, chosen = simplify(judge, chosen, candidates, bodies=True)
+    # What is left now beside a body may show that less than a body does, and that what had balanced it is nothing.
+    bodies = chosen
+    judge, chosen = simplify_bodies(judge, bodies, candidates)
+    if chosen != bodies:
+        judge, chosen = without_noise(judge, chosen, sure=True)
     if lost := impossible(judge, chosen):
         # It could be when it was named, and no longer can beside what came in since.
         rest = [t for t in chosen if t not in lost]

@@ -119,20 +119,33 @@ def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term], most
     return [term for _, term in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:most]]
 
 
-def simplify(
-    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], bodies: bool = False
-) -> tuple[Judge, list[Term]]:
+def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """``chosen`` with every effect that holds another as a special case given back to that one where it is as good; and
-    the judge there.
+    the judge there. Bodies are not asked yet: runs may disagree on them."""
+    out = list(chosen)
+    judge = judge.at(out)
+    for i in [i for i, term in enumerate(out) if term.family().contains and not term.family().is_body]:
+        judge, trials = _trials(judge, out, i, candidates)
+        if not trials:
+            continue
+        evidence = judge.evidence
+        best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[i])))
+        good = judge.as_good(evidence.held(best, physical=True), evidence.held(out, physical=True))
+        if good and (there := take(judge, out, best)) is not None:
+            judge, out = there, best
+    return judge, out
 
-    Of several special cases the cheapest comes first. Each is judged where its own re-fit stands: the law of a centre
-    of mass that lies far away is not linear. ``bodies``: of bodies alone.
+
+def simplify_bodies(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with the mass or the centre of a link in the place of a body that holds it, the cheapest first, where
+    that is as good; and the judge there.
+
+    Each is judged where its own re-fit stands: the law of a centre of mass that lies far away is not linear.
     """
     out = list(chosen)
     judge = judge.at(out)
-    for i in [i for i, term in enumerate(out) if term.family().contains and (term.family().is_body or not bodies)]:
-        trials = [[*out[:i], c, *out[i + 1 :]] for c in _special_cases(judge, out, out[i], candidates)]
-        judge = judge.adding([trial[i] for trial in trials])
+    for i in [i for i, term in enumerate(out) if term.family().contains and term.family().is_body]:
+        judge, trials = _trials(judge, out, i, candidates)
         for trial in _best_of_each(judge, trials, i):
             there = take(judge, out, trial)
             if there is None:
@@ -143,6 +156,12 @@ def simplify(
                 judge, out = there, trial
                 break
     return judge, out
+
+
+def _trials(judge: Judge, chosen: Sequence[Term], i: int, candidates: Sequence[Term]) -> tuple[Judge, list[list[Term]]]:
+    """``chosen`` with each special case of its ``i``-th term in its place; and the judge who has the columns."""
+    plainer = _special_cases(judge, chosen, chosen[i], candidates)
+    return judge.adding(plainer), [[*chosen[:i], c, *chosen[i + 1 :]] for c in plainer]
 
 
 def _special_cases(judge: Judge, chosen: Sequence[Term], term: Term, candidates: Sequence[Term]) -> list[Term]:
