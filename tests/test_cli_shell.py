@@ -281,6 +281,7 @@ def test_an_ascii_terminal_and_names_with_brackets(here, tmp_path):
     assert (tmp_path / "[out]" / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_a_termination_is_an_interruption(here):
     """As Ctrl-C: code 130, one word, the old results untouched."""
     before = {p.name: p.read_bytes() for p in Path("out").iterdir()}

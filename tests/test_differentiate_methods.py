@@ -24,10 +24,11 @@ STRONG = {"butterworth": 4.0, "spline": 4.0, "kalman": 4.0, "savitzky_golay": 15
 LINEAR = [name for name, method in DIFFERENTIATORS.items() if method.response is not None]
 
 
-def with_every_method(first, second):
-    """Both values with every method; total variation takes longest: with ``first`` in `make test` alone."""
+def with_every_method(first, second, both_slow=False):
+    """Both values with every method; total variation takes longest: with ``first``, or both, in `make test` alone."""
+    later = (first, second) if both_slow else (first,)
     return [
-        pytest.param(value, name, marks=pytest.mark.slow if (value, name) == (first, "total_variation") else ())
+        pytest.param(value, name, marks=pytest.mark.slow if name == "total_variation" and value in later else ())
         for name in DIFFERENTIATORS
         for value in (first, second)
     ]
@@ -132,7 +133,7 @@ def test_bandwidth_lies_above_the_fastest_sine_and_grows_with_it():
     assert fast == pytest.approx(4 * slow, rel=1e-6)
 
 
-@pytest.mark.parametrize(("counts", "name"), with_every_method(65536, 4096))
+@pytest.mark.parametrize(("counts", "name"), with_every_method(65536, 4096, both_slow=True))
 def test_automatic_choice_is_near_the_best(name, counts, truth):
     one = run({name: value[:, :1] for name, value in truth.signals.items()})
     rows = derivative_errors(one, run({"q": encoder(one["q"], counts)}), [name])

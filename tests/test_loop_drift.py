@@ -46,6 +46,7 @@ def test_friction_that_warms_up_is_named_with_its_rate() -> None:
     assert _named(_closed([COULOMB])) == [("coulomb_friction", SHOULDER)]
 
 
+@pytest.mark.slow
 def test_what_follows_the_time_of_a_run_is_no_all_clear() -> None:
     plain = LoopSettings(effects=("coulomb_friction", "viscous_friction", "torque_offset"))
     found = _closed([COULOMB, WARMING], plain)

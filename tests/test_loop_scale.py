@@ -146,7 +146,12 @@ def _both(rng: np.random.Generator, own: Array, scale: Array) -> Array:
 # Parameters that are off each on its own, as no link's are, are partly taken for links' own factors: too wide, never
 # too sure.
 @pytest.mark.parametrize(
-    ("off", "least"), [(_heavier, 0.8), pytest.param(_anyhow, 0.5, marks=pytest.mark.slow), (_both, 0.8)]
+    ("off", "least"),
+    [
+        pytest.param(_heavier, 0.8, marks=pytest.mark.slow),
+        pytest.param(_anyhow, 0.5, marks=pytest.mark.slow),
+        (_both, 0.8),
+    ],
 )
 def test_a_common_factor_is_as_uncertain_as_links_scatter(
     motion: tuple[Evidence, Term, Term],

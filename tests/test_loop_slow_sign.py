@@ -41,7 +41,8 @@ def judged(effects: Sequence[Effect]) -> tuple[Judge, list[Term]]:
     return judge, terms
 
 
-@pytest.mark.parametrize("beside", [[], pytest.param([VISCOUS], marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("beside", [[], [VISCOUS]])
 def test_a_smooth_step_is_one_law_with_its_width(monkeypatch: pytest.MonkeyPatch, beside: list[Effect]) -> None:
     truth = [STEP, *beside]
     result = closed(truth)

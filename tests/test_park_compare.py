@@ -74,6 +74,7 @@ def test_nothing_between_them_is_as_good_as_often_as_promised() -> None:
     assert wrong <= 2 * CHANCE * 300 + 3 * np.sqrt(3 * 2 * CHANCE * 300)
 
 
+@pytest.mark.slow
 def test_a_standard_error_is_the_scatter_over_logs() -> None:
     found = [judged(e, e + lacking(0.2))[0][0] for e in (noise(seed, 0.9) for seed in range(200))]
     scatter = float(np.std([f.relative for f in found]))

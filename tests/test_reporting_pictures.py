@@ -144,6 +144,7 @@ def test_the_arm_is_drawn_in_its_pose(tmp_path: Path) -> None:
     assert other != content
 
 
+@pytest.mark.slow
 def test_the_surface_follows_the_joints() -> None:
     urdf = find_description("panda_description/urdf/panda.urdf")
     up = posed_surface(urdf, {"panda_joint4": -0.07}).corners.reshape(-1, 3)

@@ -317,6 +317,7 @@ def test_the_best_trade_is_selected():
     assert best_candidate(front).complexity == 5
 
 
+@pytest.mark.slow
 def test_sign_and_sine_are_found(inputs):
     a, _, _, d = inputs.T
     noise = 0.01 * np.random.default_rng(3).normal(size=len(a))
