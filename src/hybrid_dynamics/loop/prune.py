@@ -16,7 +16,6 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.inertia import cannot_be
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
-from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
 from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE_KEPT, Gain, Judge, joined, rank, same_place
@@ -150,9 +149,9 @@ def keep_sure(
         report(steps[-1])
 
 
-def losses(judge: Judge, current: Sequence[Term], noise: Held | None = None) -> dict[Term, Gain]:
-    """What each effect is worth in the model of all of them; uncertainty from what ``noise`` leaves, or they do."""
-    return {term: judge.worth(current, term, noise) for term in current}
+def losses(judge: Judge, current: Sequence[Term]) -> dict[Term, Gain]:
+    """What each effect is worth in the model of all of them."""
+    return {term: judge.worth(current, term) for term in current}
 
 
 def _common(judge: Judge, current: Sequence[Term], gains: dict[Term, Gain], looked: int) -> set[str]:
