@@ -2,11 +2,12 @@
 
 A setting that the library has and its file in ``conf/`` lacks is first written there with its default: every number
 that shapes the study can be seen and overridden (`dvc exp run -S`). What stands there is never changed. The group of a
-method of the table that ``conf/config.yaml`` does not name yet is named there.
+method of the table that ``conf/config.yaml`` does not name yet is named there, and so is a data set: its own file says
+under ``studies`` in which lists of ``conf/study/`` it stands.
 """
 
 import sys
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,8 @@ from hybrid_dynamics.study.evaluation import EvaluationSettings
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = "config.yaml"
+#: How a data set is named among the defaults of ``conf/config.yaml``.
+DATASET = "dataset@dataset."
 #: The file of a layer's group that the study begins with, where it is not ``default.yaml``.
 LAYER_FILES = {"sr": "operon", "sindy": "published", "sindy_scaled": "scaled", "nn": "paper"}
 
@@ -106,14 +109,59 @@ def complete(conf: Path) -> list[str]:
     path = conf / CONFIG
     document = yaml.load(path.read_text("utf-8"))
     groups = unnamed(document["defaults"])
-    if groups:
-        for name in groups:
-            # Behind the groups of the other layers: what stands below may override them.
-            place = max(k for k, entry in enumerate(document["defaults"]) if _group(entry) in _sections()) + 1
-            document["defaults"].insert(place, {name: LAYER_FILES.get(name, "default")})
+    for name in groups:
+        # Behind the groups of the other layers: what stands below may override them.
+        _insert(
+            document["defaults"], lambda entry: _group(entry) in _sections(), {name: LAYER_FILES.get(name, "default")}
+        )
+    told = studies(conf)
+    named = {_group(entry) for entry in document["defaults"]}
+    sets = [name for name in told if f"{DATASET}{name}" not in named]
+    for name in sets:
+        _insert(document["defaults"], lambda entry: _group(entry).startswith(DATASET), {f"{DATASET}{name}": name})
+    if groups or sets:
         with atomic_path(path) as temporary:
             yaml.dump(document, temporary)
-    return added + [f"conf/{CONFIG}: {name}" for name in groups]
+    return added + [f"conf/{CONFIG}: {name}" for name in (*groups, *sets)] + _listed(conf, told, yaml)
+
+
+def studies(conf: Path) -> dict[str, dict[str, list[str]]]:
+    """Data set -> study -> the lists of ``conf/study/<study>.yaml`` that its own file wants it in."""
+    files = sorted((conf / "dataset").glob("*.yaml"))
+    return {file.stem: told for file in files if (told := YAML().load(file.read_text("utf-8")).get("studies"))}
+
+
+def _listed(conf: Path, told: Mapping[str, Mapping[str, Sequence[str]]], yaml: YAML) -> list[str]:
+    """Put every data set into the lists it wants to stand in, behind what stands there; returns what was added.
+
+    Raises :class:`ConfigError` for a study or a list that is not there.
+    """
+    added: list[str] = []
+    for study in sorted({study for wanted in told.values() for study in wanted}):
+        path = conf / "study" / f"{study}.yaml"
+        if not path.is_file():
+            known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
+            raise ConfigError(f"conf/dataset/: studies name {study!r}; conf/study/ has {known}")
+        document, before = yaml.load(path.read_text("utf-8")), len(added)
+        for name, wanted in told.items():
+            for group in wanted.get(study, ()):
+                if not isinstance(document.get(group), list):
+                    lists = ", ".join(
+                        key for key, value in document.items() if isinstance(value, list) and key != "defaults"
+                    )
+                    raise ConfigError(f"conf/dataset/{name}.yaml: {path.name} has no list {group!r}; it has {lists}")
+                if name not in document[group]:
+                    document[group].append(name)
+                    added.append(f"conf/study/{path.name}: {name} under {group}")
+        if len(added) > before:
+            with atomic_path(path) as temporary:
+                yaml.dump(document, temporary)
+    return added
+
+
+def _insert(entries: list[Any], alike: Callable[[Any], bool], entry: dict[str, str]) -> None:
+    """Put ``entry`` behind the last of ``entries`` that is ``alike``."""
+    entries.insert(max(k for k, known in enumerate(entries) if alike(known)) + 1, entry)
 
 
 def unnamed(entries: Sequence[Any]) -> list[str]:
@@ -144,11 +192,11 @@ def _flow(values: list[Any]) -> CommentedSeq:
     return out
 
 
-def compose(output: Path, overrides: list[str]) -> None:
-    """Write the composition of ``conf/`` with ``overrides`` to ``output``."""
+def compose(output: Path, overrides: list[str], conf: Path = ROOT / "conf") -> None:
+    """Write the composition of ``conf`` with ``overrides`` to ``output``."""
     try:
         with atomic_path(output) as temporary:
-            compose_and_dump(temporary, str(ROOT / "conf"), None, "config", str(ROOT), overrides)
+            compose_and_dump(temporary, str(conf), None, "config", str(ROOT), overrides)
     except (HydraException, OmegaConfBaseException) as error:
         raise ConfigError(f"conf/: cannot be composed: {error}") from None
 

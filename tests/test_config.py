@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from stages.compose import ELSEWHERE, complete, compose, defaults, missing, plain
+from stages.compose import ELSEWHERE, complete, compose, defaults, missing, plain, studies
 
 from hybrid_dynamics.cli.settings import settings_from
 from hybrid_dynamics.errors import ConfigError, require
@@ -98,6 +98,57 @@ def test_the_group_of_a_new_method_is_named_in_the_study(tmp_path):
     assert again.index({"nn": "paper"}) < again.index("_self_")
     assert "# last: it overrides" in file.read_text("utf-8")
     assert complete(tmp_path / "conf") == []
+
+
+SMALL_ARM = """\
+title: Small arm
+studies: {{paper: [{lists}]}}
+robot: {{urdf: logs/robot.urdf}}
+reader: {{format: log}}
+runs: [{{name: first, split: train, file: logs/first.csv}}, {{name: second, split: test, file: logs/second.csv}}]
+twin: null
+"""
+
+
+def test_a_data_set_is_one_file(tmp_path):
+    """It says itself where it stands: no other line of conf/ is written by hand."""
+    shutil.copytree(CONF, tmp_path / "conf")
+    (tmp_path / "conf/dataset/small_arm.yaml").write_text(SMALL_ARM.format(lists="recorded, park"), "utf-8")
+    before = {file: file.read_text("utf-8") for file in tmp_path.rglob("*.yaml")}
+    written = [
+        "conf/config.yaml: small_arm",
+        "conf/study/paper.yaml: small_arm under recorded",
+        "conf/study/paper.yaml: small_arm under park",
+    ]
+    assert complete(tmp_path / "conf") == written
+    again = {file: file.read_text("utf-8") for file in tmp_path.rglob("*.yaml")}
+    assert {file.name for file in again if again[file] != before[file]} == {"config.yaml", "paper.yaml"}
+    for file in (tmp_path / "conf/config.yaml", tmp_path / "conf/study/paper.yaml"):
+        took = [line for line in again[file].splitlines() if line not in before[file].splitlines()]
+        assert all("small_arm" in line for line in took)  # the rest and the comments as they were
+    compose(tmp_path / "params.yaml", [], tmp_path / "conf")
+    params = load_params(tmp_path / "params.yaml")
+    assert "small_arm" in params["recorded"]
+    assert params["dataset"]["small_arm"]["title"] == "Small arm"
+    assert complete(tmp_path / "conf") == []
+
+
+def test_a_list_that_is_not_there_is_refused(tmp_path):
+    shutil.copytree(CONF, tmp_path / "conf")
+    file, study = tmp_path / "conf/dataset/small_arm.yaml", tmp_path / "conf/study/paper.yaml"
+    before = study.read_text("utf-8")
+    file.write_text(SMALL_ARM.format(lists="recorded, parks"), "utf-8")
+    with pytest.raises(ConfigError, match=r"small_arm.yaml: paper.yaml has no list 'parks'; it has datasets,"):
+        complete(tmp_path / "conf")
+    assert study.read_text("utf-8") == before
+
+
+def test_every_data_set_stands_where_its_file_says():
+    told = studies(CONF)
+    for study in ("paper", "park"):
+        lists = yaml.safe_load((CONF / "study" / f"{study}.yaml").read_text("utf-8"))
+        stands = {n: [k for k, v in lists.items() if isinstance(v, list) and n in v] for n in told}
+        assert stands == {n: told[n].get(study, []) for n in told}
 
 
 def leaves(values, path=""):
