@@ -16,7 +16,7 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.layout import term_order
-from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE, Judge, covers, joined, same_place
+from hybrid_dynamics.loop.trace import ACCEPTED, Judge, covers, joined, same_place
 
 #: A joint is asked where its held-out mean square exceeds that of the floor by this share.
 MUCH_LEFT = 1.0
@@ -79,8 +79,4 @@ def _needed(judge: Judge, current: Sequence[Term], term: Term, other: Term) -> b
     after = judge.evidence.held(trial, physical=True)
     without = judge.evidence.held(joined(current, other), physical=True)
     gain = min(judge.worth(trial, term), judge.gain(after, without), key=lambda g: g.total)
-    return (
-        gain.surer_than(judge.settings.gain_in_errors)
-        and judge.matters(term, gain.per_joint, judge.settings.floor_share, gain.surer_than(DECISIVE))
-        and not judge.nibbles(term, gain, after, NIBBLE)
-    )
+    return judge.reason(term, gain, after) == ACCEPTED

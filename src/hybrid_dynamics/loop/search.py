@@ -77,15 +77,17 @@ def search(
         before = judge.evidence.held(current, physical=True)
         open_to = [c for c in candidates if dropped[c] < MOST_DROPS]
         table = rank(judge, current, open_to, before)
-        room = len(current) < settings.max_effects
-        fresh = (c for c in table if room and c.accepted and frozenset(joined(current, c.term)) not in seen)
+        room = settings.max_effects - len(current)
+        fresh = (c for c in table if room > 0 and c.accepted and frozenset(joined(current, c.term)) not in seen)
         choice = next(fresh, None)
+        alone: list[Term] = []  # with the first of two that come in together
         if choice is not None:
             action, added = "add", choice.term
             trial = joined(current, added)
-        elif room and (pair := pair_on_a_joint(judge, current, open_to, before, seen)) is not None:
-            action, added = "add", pair[0]
-            trial = joined(joined(current, pair[1]), pair[0])
+        elif room > 1 and (pair := pair_on_a_joint(judge, current, open_to, before, seen)) is not None:
+            action, added = "add", pair[1]
+            alone = joined(current, pair[0])
+            trial = joined(alone, added)
         else:
             action, added = "replace", None
             replaced = None
@@ -102,7 +104,11 @@ def search(
         taken = take(judge, current, trial)
         if taken is None:
             continue
-        judge, current = taken, list(trial)
+        judge = taken
+        if alone:
+            current = alone
+            record(action, alone[-1], table)
+        current = list(trial)
         record(action, added, table)
         current = better_settings(judge, current, candidates)
         while (useless := _useless(judge, current)) is not None:

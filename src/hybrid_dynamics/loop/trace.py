@@ -56,6 +56,8 @@ MOST_LOSS = 0.1
 DECISIVE = 3.0
 #: A gain this many times as sure and as large as is asked for is so with bodies held physical, too.
 BY_FAR = 3.0
+#: The reason that stands beside a candidate that comes in.
+ACCEPTED = "accepted"
 #: Of the rows that are judged, so many of the best under bounds alone first, where every fit takes a while.
 FIRST_ROWS = 5
 
@@ -162,6 +164,16 @@ class Judge:
             weights = self.evidence.weights * acts
             return bool(gain.per_joint @ weights < share * (left @ weights))
         return not np.any(acts & (gain.per_joint >= share * left))
+
+    def reason(self, term: Term, gain: Gain, after: Held) -> str:
+        """:data:`ACCEPTED` where ``gain`` makes ``term`` worth its place, else why it is not; ``after``: with it."""
+        settings = self.settings
+        if not gain.surer_than(settings.gain_in_errors):
+            return "within uncertainty"
+        if self.nibbles(term, gain, after, NIBBLE):
+            return "too little of what is left"
+        matters = self.matters(term, gain.per_joint, settings.floor_share, gain.surer_than(DECISIVE))
+        return ACCEPTED if matters else "too small to matter"
 
     def beside(self, terms: Sequence[Term], term: Term) -> list[Term]:
         """Plain effects on the joints of ``term`` that ``terms`` lacks, with the best of their settings."""
@@ -307,23 +319,14 @@ def _judged(judge: Judge, term: Term, terms: Sequence[Term], before: Held, after
     """The row of ``term`` in the evidence table, from held-out predictions without it and of ``terms``, with it."""
     total = float(judge.evidence.samples[judge.evidence.samples >= FEWEST_ROWS].sum()) or 1.0
     gain = judge.worth(terms, term) if term.family().beside else judge.gain(after, before)
-    certain = gain.surer_than(judge.settings.gain_in_errors)
-    nibbles = judge.nibbles(term, gain, after, NIBBLE)
-    matters = judge.matters(term, gain.per_joint, judge.settings.floor_share, gain.surer_than(DECISIVE))
-    accepted = certain and matters and not nibbles
-    if accepted:
-        reason = "accepted"
-    elif not certain:
-        reason = "within uncertainty"
-    else:
-        reason = "too little of what is left" if nibbles else "too small to matter"
+    reason = judge.reason(term, gain, after)
     return Candidate(
         term,
         after.score / total,
         gain.total / total,
         gain.error / total,
         tuple(float(g) for g in gain.per_joint),
-        accepted,
+        reason == ACCEPTED,
         reason,
     )
 
