@@ -110,12 +110,23 @@ def predict_acting(
 
 
 def acting_torques(
-    changed: Robot, torque: StateTorque, read: Readings, q: Array, dq: Array, ddq: Array, time: Array | None = None
+    changed: Robot,
+    torque: StateTorque,
+    read: Readings,
+    q: Array,
+    dq: Array,
+    ddq: Array,
+    time: Array | None = None,
+    rigid: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Torques (T, n) [N m] at work where ``q`` is read: of the rigid body, and of it and the effects together."""
+    """Torques (T, n) [N m] at work where ``q`` is read: of the rigid body, and of it and the effects together.
+
+    ``rigid``: the first, where it is known.
+    """
     q, dq, ddq = (np.asarray(a, float) for a in (q, dq, ddq))
     q = q + read.offset
-    rigid = changed.inverse_dynamics(q, dq, ddq)
+    if rigid is None:
+        rigid = changed.inverse_dynamics(q, dq, ddq)
     return rigid, rigid + torque(q, dq, rigid, ddq, time)
 
 

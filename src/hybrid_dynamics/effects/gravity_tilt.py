@@ -48,6 +48,7 @@ class GravityTilt(Family):
     parameters = (Parameter("roll", "rad"), Parameter("pitch", "rad"))
     size = 3
     changes_body = True
+    uses_body = True
     on_surface = True
     drawn_against = "q"
     shown_by = "the first joint carries the stretched arm slowly all the way round"

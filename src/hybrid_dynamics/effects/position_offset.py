@@ -27,6 +27,7 @@ class PositionOffset(Family):
     searched = False
     nonlinear = True
     changes_reading = True
+    uses_body = True
     drawn_against = "q"
     shown_by = (
         "the joint carries a load at rest in positions all over its range, the joints after it stretched and folded"

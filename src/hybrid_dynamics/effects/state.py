@@ -96,7 +96,8 @@ class State:
 
 @dataclass(frozen=True)
 class Motion:
-    """States of a run: ``time`` (T,) [s], ``q dq ddq`` (T, n), and the robot whose rigid body moves.
+    """States of a run: ``time`` (T,) [s], ``q dq ddq`` (T, n), and the robot whose rigid body moves (that of the model
+    so far, for effects with ``uses_body``).
 
     ``given_load`` (T, n) [N m] replaces the robot's own rigid-body torque where the model has changed it;
     ``given_torque`` (T, n) [N m] is the torque of the whole model (rigid body and effects, without those that only

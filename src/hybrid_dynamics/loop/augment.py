@@ -67,8 +67,11 @@ def refit(evidence: Evidence, terms: Sequence[Term], rounds: int = 3) -> Refit:
 
     Columns that follow the load or the torque, also those of candidates, are then of the model that was fitted.
     """
-    problem, kinds = evidence.problem, [term.family() for term in terms]
-    if any(k.nonlinear for k in kinds) or (problem.base_follows_load and any(k.changes_body for k in kinds)):
+    kinds = [term.family() for term in terms]
+    bodies = any(k.changes_body for k in kinds)
+    # What turns all bodies, or gravity, and what changes one of them multiply.
+    turned = any(k.uses_body for k in kinds) and any(k.changes_body and not k.uses_body for k in kinds)
+    if any(k.nonlinear for k in kinds) or turned or (evidence.problem.base_follows_load and bodies):
         return _descend(evidence, terms, rounds)
     evidence = evidence.with_base_target()
     x = evidence.fit(terms)

@@ -43,7 +43,7 @@ class Layout:
 
 def follows(term: Term) -> bool:
     """True where the columns depend on the model that is being fitted."""
-    return term.family().uses_load or term.family().uses_torque
+    return term.family().uses_load or term.family().uses_torque or term.family().uses_body
 
 
 def term_order(term: Term) -> tuple[str, int, str]:

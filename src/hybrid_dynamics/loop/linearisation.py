@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.loop.blocks import Folds, Indices
 from hybrid_dynamics.loop.columns import Columns, Moving
 from hybrid_dynamics.loop.gram import BlockGrams
@@ -101,7 +101,10 @@ class Linearisation:
         """The same with columns that follow a model as of the starting model with ``effects``, once asked for."""
         if tuple(effects) == self.effects:
             return self
-        return replace(self, effects=tuple(effects), fresh=frozenset())
+        alike = (
+            frozenset(t for t in self.fresh if _follows_bodies_alone(t)) if _same_bodies(effects, self.effects) else ()
+        )
+        return replace(self, effects=tuple(effects), fresh=frozenset(alike))
 
     def refreshed(self, terms: Collection[Term]) -> Linearisation:
         """The same where also ``terms`` have the columns of :attr:`effects`."""
@@ -168,6 +171,17 @@ class Linearisation:
         own[of_target] = self.target[r][:, j]
         own[:, ~self.mask[r][:, j]] = 0.0
         return own
+
+
+def _follows_bodies_alone(term: Term) -> bool:
+    kind = term.family()
+    return kind.uses_body and not (kind.uses_load or kind.uses_torque)
+
+
+def _same_bodies(some: Sequence[Effect], others: Sequence[Effect]) -> bool:
+    """True where both change the rigid body alike."""
+    one, other = ([e for e in effects if family(e.effect).changes_body] for effects in (some, others))
+    return one == other
 
 
 def _products(

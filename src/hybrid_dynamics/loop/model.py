@@ -70,9 +70,20 @@ class Model:
         """
         return predict_acting(*self._acting, self.readings, q, dq, ddq, time)
 
-    def acting_torques(self, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> tuple[Array, Array]:
-        """Torques (T, n) [N m] at work: of the rigid body, and of it and the effects, before what is read wrongly."""
-        return acting_torques(*self._acting, self.readings, q, dq, ddq, time)
+    def acting_torques(
+        self, q: Array, dq: Array, ddq: Array, time: Array | None = None, rigid: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Torques (T, n) [N m] at work: of the rigid body, and of it and the effects, before what is read wrongly.
+
+        ``rigid``: the first, where it is known (of a model with the same :attr:`rigid_body`).
+        """
+        return acting_torques(*self._acting, self.readings, q, dq, ddq, time, rigid)
+
+    @cached_property
+    def rigid_body(self) -> bytes:
+        """What the rigid body's torque at a recorded motion follows from: equal of models that differ in nothing else
+        but what acts beside it or is read of the torque."""
+        return self.completed_robot.parameters_as_bytes + self.readings.offset.tobytes()
 
     def recorded(self, acting: Array, time: Array | None = None) -> Array:
         """What a log holds of the torque ``acting`` (T, n) [N m]: times its gain, and as late as it is recorded."""

@@ -57,6 +57,7 @@ class Problem:
         self.fastest = np.max([np.abs(run.dq).max(axis=0) for run in self.runs], axis=0)
         self.folds = folds_of(self.runs, settings)
         self._asked: list[deque[tuple[Model, tuple[Array, Array]]]] = [deque(maxlen=KEPT) for _ in self.runs]
+        self._rigid: list[deque[tuple[bytes, Array]]] = [deque(maxlen=KEPT) for _ in self.runs]
         self._shares: dict[int, Array] = {}
         self._priors: dict[Term, Array] = {}
         self._constraints: dict[Layout, Constraints] = {}
@@ -102,23 +103,29 @@ class Problem:
         for kept, torques in self._asked[r]:
             if kept.robot is model.robot and kept.effects == model.effects:
                 return torques
-        m = self.runs[r].motion
-        torques = model.acting_torques(m.q, m.dq, m.ddq, m.time)
+        m, body = self.runs[r].motion, model.rigid_body
+        # Most models that a fit tries differ in their friction, not in their bodies.
+        rigid = next((own for kept, own in self._rigid[r] if kept == body), None)
+        torques = model.acting_torques(m.q, m.dq, m.ddq, m.time, rigid)
+        if rigid is None:
+            self._rigid[r].append((body, torques[0]))
         self._asked[r].append((model, torques))
         return torques
 
     # -- columns of a term ------------------------------------------------------------------------------------------
     def motions(self, effects: Sequence[Effect], terms: Sequence[Term]) -> list[Motion]:
         """Motion of every run with what columns of ``terms`` are made of: where they ask for it the regressor, and the
-        load and torque of the starting model with ``effects``."""
+        bodies, load and torque of the starting model with ``effects``."""
         kinds = [term.family() for term in terms]
         torque, loaded = any(k.uses_torque for k in kinds), any(k.uses_load for k in kinds)
-        regressor = any(k.by_regressor for k in kinds)
+        regressor, body = any(k.by_regressor for k in kinds), any(k.uses_body for k in kinds)
         out = []
         for r, run in enumerate(self.runs):
             motion = self._with_regressor(r) if regressor else run.motion
+            model = model_in(self.base, effects, run)
+            if body:
+                motion = replace(motion, robot=model.completed_robot)
             if torque or loaded:
-                model = model_in(self.base, effects, run)
                 load, own = self.torques(model, r)
                 # As late as it is recorded: noise of the motion stands in the column and in what is left, and at
                 # different instants it would pull the delay towards none.

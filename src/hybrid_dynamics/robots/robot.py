@@ -222,6 +222,13 @@ class Robot:
         """(10 n,) the parameters that :meth:`regressor` multiplies."""
         return np.concatenate([self.model.inertias[i].toDynamicParameters() for i in self.joint_ids])
 
+    @property
+    def parameters_as_bytes(self) -> bytes:
+        """All that :meth:`inverse_dynamics` depends on beside the motion and the joints' places: bodies, rotors, gravity."""
+        model = self.model
+        bodies = [inertia.toDynamicParameters() for inertia in model.inertias]
+        return np.concatenate([*bodies, model.armature, model.gravity.vector]).tobytes()
+
 
 def _check_bodies(model: pin.Model, root: ET.Element, origin: str) -> None:
     """Raise :class:`InputError` where a moving body, with all that is fixed to it, cannot exist."""
