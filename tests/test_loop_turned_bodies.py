@@ -1,4 +1,4 @@
-"""What turns gravity or an arm's zero turns all its bodies, also those that the loop has found: both are fitted at once."""
+"""What turns gravity or an arm's zero turns all its bodies, those found by the loop, too: both are fitted at once."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _fit(judge: Judge, terms: list[Term]) -> tuple[Array, Array, Array]:
     values = np.array([v for e in effects for v in e.parameters.values()])
     errors = np.array([s for e in effects for s in e.std_errors.values()])
     left = judge.evidence.problem.left(effects_of(judge.evidence, terms, fitted.x))
-    squares = [np.mean(l[m.any(axis=1)] ** 2, axis=0) for l, m in zip(left, judge.evidence.mask, strict=True)]
+    squares = [np.mean(own[m.any(axis=1)] ** 2, axis=0) for own, m in zip(left, judge.evidence.mask, strict=True)]
     return values, errors, np.sqrt(np.mean(squares, axis=0))
 
 

@@ -96,6 +96,7 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
     joints, final = list(diagnosis["joints"]), final_errors(diagnosis)["rmse"]
     alarms = dict(zip(joints, diagnosis.get("motion_dependent") or [False] * len(joints), strict=False))
     doubts = dict(zip(joints, diagnosis.get("cannot_tell") or [False] * len(joints), strict=False))
+    parted = dict(zip(joints, diagnosis.get("worse_on_test") or [False] * len(joints), strict=False))
     out, would_be = [], []
     told = {entry["joint"] for entry in diagnosis["unexplained"]}
     for entry in diagnosis["unexplained"]:
@@ -104,6 +105,9 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
         looks = "" if expression == "0" else f"; it looks like {expression} [{unit}]"
         if doubts.get(joint):
             would_be += [] if expression == "0" else [f"{joint} {expression} [{unit}]"]
+            continue
+        if parted.get(joint) and not alarms.get(joint):
+            out.append(f"not down to noise: {joint}: the test runs leave more than the training runs{looks}")
             continue
         out.append(
             f"not down to noise: {joint}: {100 * entry['share_of_residual_variance']:.2g} % of the mean square that is "

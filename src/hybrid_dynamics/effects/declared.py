@@ -50,8 +50,8 @@ class Declared:
     uses_load: ClassVar[bool] = False
     #: True where the columns follow the torque of the whole model so far (``Motion.given_torque``).
     uses_torque: ClassVar[bool] = False
-    #: True where the columns follow the bodies of the whole model so far (``Motion.robot``): what turns them, or gravity,
-    #: turns all of them.
+    #: True where the columns follow the bodies of the whole model so far (``Motion.robot``): what turns gravity or a
+    #: zero turns all of them.
     uses_body: ClassVar[bool] = False
     #: True where the effect changes what is read (a gain, an offset, a delay), not what the robot does.
     changes_reading: ClassVar[bool] = False

@@ -25,6 +25,9 @@ OWN, BOTH = "own", "both"
 PARTNER, SUM, DIFFERENCE = "partner", "sum", "difference"
 #: Joints further apart than this share no gear or belt.
 _REACH = 2
+#: Widths [rad/s] over which the sign of a gear's friction turns over: given a sharp one where it is smooth, viscous
+#: friction of both joints makes up for it.
+_WIDTHS = (0.0, 0.03)
 
 
 @register
@@ -64,7 +67,7 @@ class JointCoupling(Family):
         for j in range(robot.n_joints):
             for k in range(max(j - _REACH, 0), min(j + _REACH + 1, robot.n_joints)):
                 if k == j + 1 and (moving[j] or moving[k]):
-                    out += [self.at(robot, j, k, BOTH, SUM), self.at(robot, j, k, BOTH, DIFFERENCE)]
+                    out += [self.at(robot, j, k, BOTH, sign, w) for sign in (SUM, DIFFERENCE) for w in _WIDTHS]
                 if k != j and moving[j]:
                     out.append(self.at(robot, j, k, OWN, PARTNER))
         return out

@@ -15,7 +15,7 @@ from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.forms import forms_as_good
 from hybrid_dynamics.loop.further import further_beside
 from hybrid_dynamics.loop.held import Held
-from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, Place, pairs
+from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, SAME, Likeness, Place, pairs
 from hybrid_dynamics.loop.prune import impossible
 from hybrid_dynamics.loop.scale import gain_instead
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
@@ -136,7 +136,7 @@ def _in_place_of(named: _Named, term: Term, free: Sequence[Term], rarer: Sequenc
         if growth is not None and set(impossible(judge, [*rest, *group])) & set(group):
             continue
         if growth is not None and (key not in found or -gain.total < found[key][0]):
-            same = share > 1 - 1e-6
+            same = share > 1 - SAME
             motion = motion_that_would_tell(term, group, same)
             found[key] = -gain.total, _entry(evidence, group, _why(growth, same), motion)
             singles += group if len(group) == 1 else ()

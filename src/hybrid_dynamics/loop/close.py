@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hybrid_dynamics.check import checked
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop.carried import carried_over
 from hybrid_dynamics.loop.confirm import confirm
 from hybrid_dynamics.loop.describe import describe_result
 from hybrid_dynamics.loop.diagnosis import Diagnosis, predict_run
@@ -116,10 +117,12 @@ def _close(
     left = [run.tau - predict_run(said.model, run) for run in runs]
     mask = [*judge.evidence.mask, *(run.mask for run in logs.test)]
     floor = examine(runs, left, mask, resolution(logs, settings), logs.rounded_away, settings)
+    parts = list(zip(runs, left, mask, strict=True))
+    carried = carried_over(parts[: len(logs.train)], parts[len(logs.train) :], logs.rounded_away, settings)
 
     progress(0.9, "describing what is left")
     notes = [*plausible.notes, *logs.notes, *notes, *found.notes]
-    diagnosis, models = describe_result(judge, base, terms, found, full, said, floor, logs, notes)
+    diagnosis, models = describe_result(judge, base, terms, found, full, said, floor, carried, logs, notes)
     after = diagnosis.error_moving["test"].after_confirmed
     assert after is not None
     progress(1.0, "done")

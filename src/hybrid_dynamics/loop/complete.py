@@ -14,6 +14,7 @@ from scipy.stats import f as fisher
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
+from hybrid_dynamics.loop.likeness import SAME, Likeness
 from hybrid_dynamics.loop.prune import on_most
 from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.loop.trace import Judge, has_family
@@ -60,8 +61,8 @@ def _with_sure(
     """
     evidence, out = judge.evidence, chosen
     for name, joint in places:
-        offered = [c for c in candidates if c.effect == name and c.joint == joint]
-        if not offered or has_family(out, name, joint):
+        offered = _lacking(judge, out, candidates, name, joint)
+        if not offered:
             continue
         trials = [[*out, c] for c in offered]
         best = min(trials, key=lambda t: (evidence.held(t, physical=True).score, repr(t[-1])))
@@ -72,6 +73,19 @@ def _with_sure(
         if sure and (not sizeable or judge.shows(best[-1], float(x[-1]))):
             out = best
     return out
+
+
+def _lacking(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], name: str, joint: int) -> list[Term]:
+    """Those of ``candidates`` of family ``name`` on ``joint`` that ``chosen`` does not make.
+
+    A spring holds an offset, and so does friction that differs with the direction: beside them it says nothing, and
+    neither is known any more.
+    """
+    if has_family(chosen, name, joint):
+        return []
+    own = [c for c in candidates if c.effect == name and c.joint == joint]
+    near = [t for t in chosen if judge.evidence.acts(t)[joint]]
+    return [c for c in own if Likeness(judge.evidence, c, np.ones(c.size)).share(*near) < 1.0 - SAME]
 
 
 def _together(
@@ -87,8 +101,8 @@ def _together(
     evidence = judge.evidence
     lacking = []
     for name in names:
-        offered = [c for c in candidates if c.effect == name and c.joint == joint]
-        if offered and not has_family(chosen, name, joint):
+        offered = _lacking(judge, chosen, candidates, name, joint)
+        if offered:
             lacking.append(min(offered, key=lambda c: (evidence.held([*chosen, c]).score, repr(c))))
     lacking, x, spread = _acting(judge, chosen, lacking)
     if len(lacking) < 2 or _chance(x, spread, len(evidence.blocks)) > judge.settings.significance / evidence.n:

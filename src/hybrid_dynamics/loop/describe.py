@@ -11,6 +11,7 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.together import added_up
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.loop.alternatives import indistinguishable
+from hybrid_dynamics.loop.carried import Carried
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
 from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rounded, verdict_of
 from hybrid_dynamics.loop.extrapolation import extrapolation
@@ -32,6 +33,7 @@ def describe_result(
     full: Model,
     said: Confirmation,
     floor: Floor,
+    carried: Carried,
     logs: Logs,
     notes: Sequence[str],
 ) -> tuple[Diagnosis, list[Model]]:
@@ -71,7 +73,12 @@ def describe_result(
             f"{robot.joint_names[j]}: what is left changes slowly (autocorrelation {floor.autocorrelation[j]:.2f}); "
             "these runs cannot tell slow noise from an effect that is missing: record runs that pass the same states"
         )
-    explained = ~floor.seen | ~(floor.motion_dependent | floor.cannot_tell)
+    for j in np.flatnonzero(carried.worse):
+        lines.append(
+            f"{robot.joint_names[j]}: the test runs leave {carried.times[j]:.3g} times as much as the training runs: "
+            "what is named does not carry over to their motion; learn from runs that move as they do"
+        )
+    explained = ~floor.seen | ~(floor.motion_dependent | floor.cannot_tell | carried.worse)
     diagnosis = {
         "schema": 2,
         "robot": robot.name,
@@ -86,10 +93,11 @@ def describe_result(
         "learnable_share": floor.learnable_share.tolist(),
         "motion_dependent": [bool(v) for v in floor.motion_dependent],
         "cannot_tell": [bool(v) for v in floor.cannot_tell],
+        "worse_on_test": [bool(v) for v in carried.worse],
         "autocorrelation": floor.autocorrelation.tolist(),
         "extrapolation": outside,
         "unexplained": [
-            _unexplained(robot, said.model, logs, judge, floor, int(j)) for j in np.flatnonzero(~explained)
+            _unexplained(robot, said.model, logs, judge, floor, carried, int(j)) for j in np.flatnonzero(~explained)
         ],
         "not_identifiable": [
             {
@@ -104,11 +112,16 @@ def describe_result(
     return Diagnosis.from_json(rounded(diagnosis)), models
 
 
-def _unexplained(robot: Robot, model: Model, logs: Logs, judge: Judge, floor: Floor, joint: int) -> dict[str, Any]:
-    # Of what is left, the share that a black box removes; where none can be learned, what second differences deny.
+def _unexplained(
+    robot: Robot, model: Model, logs: Logs, judge: Judge, floor: Floor, carried: Carried, joint: int
+) -> dict[str, Any]:
+    # Of what is left, the share that a black box removes; where none can be learned, what second differences deny;
+    # where the test runs alone leave more, what they leave beyond the training runs.
     share = float(floor.learnable_share[joint])
     if not floor.motion_dependent[joint]:
         share = max(1.0 - float(floor.low[joint] / max(floor.value[joint], 1e-300)) ** 2, 0.0)
+    if carried.worse[joint]:
+        share = max(share, 1.0 - 1.0 / float(carried.times[joint]) ** 2)
     return {
         "joint": robot.joint_names[joint],
         "share_of_residual_variance": share,

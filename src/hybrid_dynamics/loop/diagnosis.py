@@ -121,7 +121,8 @@ class Diagnosis:
     """What ``diagnosis.json`` holds (schema 2; schema 1 is read). Per joint (n,) in the robot's order.
 
     ``noise_floor`` [N m] lies between ``_low`` and ``_high``; ``learnable_share`` of what is left a black box trained
-    on other runs still removes; ``motion_dependent``: the alarm; ``cannot_tell``: neither alarm nor all-clear.
+    on other runs still removes; ``motion_dependent``: the alarm; ``cannot_tell``: neither alarm nor all-clear;
+    ``worse_on_test``: the test runs leave surely more than the training runs.
     ``prismatic`` joints slide: [N] and [m] in the place of [N m] and [rad].
 
     >>> import json
@@ -144,6 +145,7 @@ class Diagnosis:
     learnable_share: tuple[float, ...] = ()
     motion_dependent: tuple[bool, ...] = ()
     cannot_tell: tuple[bool, ...] = ()
+    worse_on_test: tuple[bool, ...] = ()
     autocorrelation: tuple[float, ...] = ()
     extrapolation: tuple[Mapping[str, Any], ...] = ()
     not_identifiable: tuple[Mapping[str, str], ...] = ()
@@ -203,7 +205,7 @@ class Diagnosis:
 
 
 _SIZES = ("noise_floor", "noise_floor_low", "noise_floor_high", "learnable_share", "autocorrelation")
-_FLAGS = ("motion_dependent", "cannot_tell")
+_FLAGS = ("motion_dependent", "cannot_tell", "worse_on_test")
 
 
 def _change_from(pair: Mapping[str, Any]) -> Change:

@@ -13,7 +13,7 @@ from hybrid_dynamics.loop.beside import beside_links, wanted
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.forms import choose_forms
-from hybrid_dynamics.loop.further import at_the_end, further_candidates, refine, simplify, simplify_bodies
+from hybrid_dynamics.loop.further import at_the_end, further_candidates, merge_forms, refine, simplify, simplify_bodies
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
@@ -138,7 +138,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
 
 def _in_simplest_form(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """``chosen`` in the plainest laws that do as well, and the judge there."""
-    return choose_forms(*slow_signs(*simplify(judge, chosen, candidates)))
+    return choose_forms(*slow_signs(*merge_forms(*simplify(judge, chosen, candidates))))
 
 
 def _refined(

@@ -17,7 +17,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge, joined, same_place
+from hybrid_dynamics.loop.trace import Judge, covers, joined, same_place
 
 #: Of the squared noise by second differences, the share by which a joint must exceed it to be asked further.
 EXCESS = 0.1
@@ -133,6 +133,36 @@ def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -
         good = judge.as_good(evidence.held(best, physical=True), evidence.held(out, physical=True))
         if good and (there := take(judge, out, best)) is not None:
             judge, out = there, best
+    return judge, out
+
+
+def merge_forms(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with an effect in another form that holds others of its joint, in their place, where that is as good;
+    and the judge there.
+
+    An offset found first makes of a linear spring that comes later one on a crank: of both together the linear one
+    alone is left over, and elsewhere they part.
+    """
+    out = list(chosen)
+    judge = judge.at(out)
+    for term in chosen:
+        if term not in out or term.joint is None:
+            continue
+        here = np.arange(judge.evidence.n) == term.joint
+        listed = term.family().terms(judge.evidence.robot, here, judge.settings.options)
+        rest = [t for t in out if t != term]
+        forms = [c for c in listed if c.place == term.place and any(covers(c, t) for t in rest)]
+        trials = [joined(rest, c) for c in forms]
+        judge = judge.adding(forms)
+        for trial in sorted(trials, key=lambda t: (judge.evidence.held(t).score, repr(t[-1]))):
+            there = take(judge, out, trial)
+            if there is None:
+                continue
+            there = there.adding(out)
+            own, full = (there.evidence.held(terms, physical=True) for terms in (trial, out))
+            if there.as_good(own, full) and there.spares(own, full):
+                judge, out = there, trial
+                break
     return judge, out
 
 

@@ -14,6 +14,8 @@ from hybrid_dynamics.types import Array
 #: Family and joint of a term, whatever its settings.
 Place = tuple[str, int | None]
 
+#: What lacks no more than this share of a torque makes the same one.
+SAME = 1e-6
 #: Two effects that stand for another must together make nearly all of its torque.
 LIKENESS_OF_PAIR = 0.9
 

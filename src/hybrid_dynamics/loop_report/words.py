@@ -21,6 +21,7 @@ VERDICTS = {
 }
 #: What is left on a joint whose alarm is on, and on one that leaves it open.
 ALARM, SLOW = "still depends on the motion", "cannot be told from slow noise"
+PARTED = "more on the test runs than on the training runs"
 ABOVE = "above the noise; no cause found"
 #: Where all samples together are above the noise and those in which the joint moves are not.
 STANDING = "noise in motion, more at standstill"
@@ -300,8 +301,10 @@ def still_open(d: Diagnosis) -> list[str]:
             out.append(f"{entry['joint']}: {part} of what is left (variance) is not noise.")
         elif dependent[j]:
             out.append(f"{entry['joint']}: what is left depends on the motion; {part} of it (variance) can be learned.")
-        else:
+        elif _flags(d, "cannot_tell")[j] or not _flags(d, "worse_on_test")[j]:
             out.append(f"{entry['joint']}: what is left changes slowly; these runs cannot tell it from an effect.")
+        else:
+            out.append(f"{entry['joint']}: the test runs leave more than the training runs; no cause found.")
     out += [f"{entry['joint']}: {entry['why']}." for entry in d.get("not_identifiable", [])]
     told = {entry["joint"] for entry in (*d["unexplained"], *d.get("not_identifiable", []))}
     for state, words in _BESIDE.items():
@@ -322,6 +325,8 @@ def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
         return "open", ALARM
     if _flags(d, "cannot_tell")[joint]:
         return "open", SLOW
+    if _flags(d, "worse_on_test")[joint]:
+        return "open", PARTED
     if "motion_dependent" not in d and name in {entry["joint"] for entry in d["unexplained"]}:
         return "open", "something is left"
     if _above_noise(d, joint, "error_moving" if "error_moving" in d else "error"):

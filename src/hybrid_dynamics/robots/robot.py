@@ -224,7 +224,7 @@ class Robot:
 
     @property
     def parameters_as_bytes(self) -> bytes:
-        """All that :meth:`inverse_dynamics` depends on beside the motion and the joints' places: bodies, rotors, gravity."""
+        """What :meth:`inverse_dynamics` depends on beside the motion and the places of the joints, as bytes."""
         model = self.model
         bodies = [inertia.toDynamicParameters() for inertia in model.inertias]
         return np.concatenate([*bodies, model.armature, model.gravity.vector]).tobytes()

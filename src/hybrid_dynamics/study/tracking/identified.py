@@ -26,6 +26,7 @@ _PER_JOINT = (
     "learnable_share",
     "motion_dependent",
     "cannot_tell",
+    "worse_on_test",
     "autocorrelation",
 )
 
