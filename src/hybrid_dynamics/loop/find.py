@@ -23,7 +23,7 @@ from hybrid_dynamics.loop.search import Step, choose_signs, search
 from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.loop.trace import Judge, same_place
-from hybrid_dynamics.loop.widen import widened
+from hybrid_dynamics.loop.widen import narrowed, widened
 from hybrid_dynamics.types import Array
 
 #: A joint whose held-out mean square exceeds that of the floor by this share has something left to find.
@@ -118,7 +118,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         # What goes had stood for plain friction, too: of that joint it has not been asked.
         judge, kept = without_noise(*complete(judge, kept, candidates, common))
     judge, kept = without_noise(*choose_signs(*gain_for_links(judge, kept)), sure=True)
-    judge, chosen = widened(judge, kept)
+    judge, chosen = narrowed(*widened(judge, kept))
     if chosen != kept:
         # What stood beside one body may be nothing beside all of them.
         judge, chosen = without_noise(judge, chosen)

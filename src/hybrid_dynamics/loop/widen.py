@@ -4,21 +4,24 @@ Where several links are off and a run is short, the ten numbers of one link can 
 no such link has, right in the poses of the run and far off in others. The burden of proof is then turned round: all
 links together, each near what the URDF says, take its place where they predict held-out samples no worse. Where several
 bodies are named, each as it could be, a URDF that is approximate everywhere is as likely: all links are named where
-they predict better by a standard error, not by the several that an effect beside others must gain.
+they predict better by a standard error, not by the several that an effect beside others must gain. The other way
+round, a search that met all links first never asks for one or two: by the same rule these take their place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
-from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.inertia import body_scale
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links
+from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge, joined
+from hybrid_dynamics.loop.trace import Judge, joined, same_place
 from hybrid_dynamics.types import Array
 
 #: A link that differs by more than this multiple of a plausible change (half its mass, shifted by its own size) is
@@ -26,6 +29,8 @@ from hybrid_dynamics.types import Array
 BELIEVED = 2.0
 #: Of the ten parameters mass and first moment: inertias show in accelerations, in a short run hardly.
 WEIGHED = 4
+#: So many bodies may stand in the place of all links: three of ten numbers cost as much.
+FEW = 2
 #: Standard errors by which held-out samples must be predicted better where several bodies are named, all believed.
 BETTER = 1.0
 
@@ -50,6 +55,36 @@ def widened(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
     gain = judge.gain(evidence.held(together, physical=True), evidence.held(chosen, physical=True))
     there = take(judge, chosen, together) if gain.surer_than(0.0 if unbelieved else BETTER) else None
     return (judge, list(chosen)) if there is None else (there, trial)
+
+
+def narrowed(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with :data:`FEW` bodies or fewer, each believed, in the place of all links' parameters, where these do
+    not predict held-out samples better by :data:`BETTER` standard errors; and the judge there."""
+    links = next((t for t in chosen if t.family().all_links), None)
+    if links is None:
+        return judge, list(chosen)
+    robot, options = judge.evidence.robot, judge.settings.options
+    moving = judge.evidence.samples >= FEWEST_ROWS
+    names = [name for name in judge.settings.families if family(name).changes_body and not family(name).all_links]
+    bodies = [t for name in names for t in family(name).terms(robot, moving, options) if t.family().by_regressor]
+    judge = judge.adding(bodies).at(chosen)
+    judge, beside = beside_links(judge, chosen)
+    evidence, together = judge.evidence, [*chosen, *beside]
+    limit, rest = evidence.held(together), [t for t in chosen if t != links]
+    free = [c for c in bodies if not any(same_place(c, t) for t in rest)]
+    trials = [[*rest, *some] for count in range(1, FEW + 1) for some in combinations(free, count)]
+    held = [evidence.held(trial) for trial in trials]
+    best = min(range(len(trials)), key=lambda k: (held[k].score, repr(trials[k])), default=None)
+    if best is None or judge.gain(limit, held[best]).surer_than(BETTER):
+        return judge.at(chosen), list(chosen)
+    trial = trials[best]
+    there = take(judge, together, trial)
+    if there is not None and beyond_belief(there, trial, there.evidence.fit(trial)) <= BELIEVED:
+        there = there.adding(together)
+        few, all_of_them = (there.evidence.held(terms, physical=True) for terms in (trial, together))
+        if there.spares(few, all_of_them) and not there.gain(all_of_them, few).surer_than(BETTER):
+            return there, trial
+    return judge.at(chosen), list(chosen)
 
 
 def beyond_belief(judge: Judge, chosen: Sequence[Term], x: Array) -> float:
