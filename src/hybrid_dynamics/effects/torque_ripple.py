@@ -24,12 +24,26 @@ _OFFERED, _PROMINENCE = 2, 6.0
 _PERIODS = 2.0
 _HIGHEST = 150.0  # 1/rad
 _BINS = 4096
+#: Degree of the slow curve; harmonics whose waves are made at once; what keeps waves apart that are nearly alike.
+_DEGREE, _AT_ONCE, _RIDGE = 4, 32, 1e-6
+#: Harmonics that are asked between two neighbours.
+_BETWEEN = 33
+#: A harmonic and its double are offered where they leave less than this share of what one harmonic leaves.
+_DOUBLE = 0.5
 
 
-def spectrum(q: Array, residual: Array, highest: float = _HIGHEST) -> tuple[Array, Array]:
-    """Harmonics [1/rad] and the share (0 to 1) of the variance over positions ``q`` (T,) that each explains.
+def spectrum(
+    q: Array,
+    residual: Array,
+    highest: float = _HIGHEST,
+    multiples: tuple[int, ...] = (1,),
+    asked: Array | None = None,
+) -> tuple[Array, Array]:
+    """Harmonics [1/rad] and the share (0 to 1) of the variance over positions ``q`` (T,) that each explains, together
+    with its ``multiples``; ``asked``: of these harmonics alone.
 
-    Least squares of a sine and a cosine per harmonic on means over narrow bins of position: positions need not be even.
+    Least squares of sines and cosines beside a slow curve, on means over narrow bins of position: positions need not be
+    even, and may lie in patches shorter than a period.
     """
     span = float(np.ptp(q))
     if span <= 0 or len(q) < 20:
@@ -41,24 +55,32 @@ def spectrum(q: Array, residual: Array, highest: float = _HIGHEST) -> tuple[Arra
     middle = 0.5 * (edges[1:] + edges[:-1])
     full = weight > 0
     weight, middle, mean = weight[full], middle[full], total[full] / weight[full]
-    # What is slow over the range belongs to gravity, springs and offsets.
-    slow = np.polynomial.chebyshev.chebvander(2 * (middle - middle[0]) / span - 1, 4)
+    # What is slow over the range belongs to gravity, springs and offsets. Sines are asked beside it, not after it: over
+    # a few patches it makes much of a sine.
     root = np.sqrt(weight)
-    mean = mean - slow @ np.linalg.lstsq(slow * root[:, None], mean * root, rcond=None)[0]
+    slow = np.linalg.qr(
+        np.polynomial.chebyshev.chebvander(2 * (middle - middle[0]) / span - 1, _DEGREE) * root[:, None]
+    )[0]
+    rest = root * mean - slow @ (slow.T @ (root * mean))
     lowest = 2 * np.pi * _PERIODS / span
-    top = min(highest, np.pi * 0.25 * len(middle) / span)
-    harmonics = np.arange(lowest, max(top, lowest), np.pi / (2 * span))
-    power = float(np.sum(weight * mean**2))
+    top = min(highest / max(multiples), np.pi * 0.25 * len(middle) / span)
+    harmonics = np.arange(lowest, max(top, lowest), np.pi / (2 * span)) if asked is None else asked
+    power = float(rest @ rest)
     if not len(harmonics) or power <= 0:
         return np.zeros(0), np.zeros(0)
     share = np.empty(len(harmonics))
-    for low in range(0, len(harmonics), 128):
-        phase = harmonics[low : low + 128, None] * middle
-        s, c = np.sin(phase), np.cos(phase)
-        ss, cc, sc = (s * s) @ weight, (c * c) @ weight, (s * c) @ weight
-        sy, cy = s @ (weight * mean), c @ (weight * mean)
-        determinant = np.maximum(ss * cc - sc**2, 1e-12 * ss * cc + 1e-300)
-        share[low : low + 128] = (cc * sy**2 - 2 * sc * sy * cy + ss * cy**2) / determinant / power
+    for low in range(0, len(harmonics), _AT_ONCE):
+        some = harmonics[low : low + _AT_ONCE]
+        phase = np.multiply.outer(some, np.outer(multiples, middle))
+        waves = np.concatenate([np.sin(phase), np.cos(phase)], axis=1) * root
+        waves -= (waves @ slow) @ slow.T
+        size = np.maximum(np.linalg.norm(waves, axis=2), 1e-12 * np.sqrt(weight.sum()))
+        waves /= size[:, :, None]
+        product = waves @ rest
+        gram = waves @ waves.transpose(0, 2, 1) + _RIDGE * np.eye(waves.shape[1])
+        share[low : low + _AT_ONCE] = (
+            np.sum(product * np.linalg.solve(gram, product[:, :, None])[:, :, 0], axis=1) / power
+        )
     return harmonics, np.clip(share, 0.0, 1.0)
 
 
@@ -92,18 +114,7 @@ class TorqueRipple(Family):
         q, left = np.concatenate([m.q for m in motions]), np.concatenate(list(residuals))
         out = []
         for j in np.flatnonzero(moving):
-            harmonics, share = spectrum(q[:, j], left[:, j])
-            span = float(np.ptp(q[:, j]))
-            level = float(np.median(share)) if len(share) else 0.0
-            for _ in range(_OFFERED):
-                if not len(share) or share.max() < max(_PROMINENCE * level, 1e-3):
-                    break
-                # The foot of something slower, fewer than two periods over the range, is no harmonic of a ripple.
-                if (top := int(np.argmax(share))) == 0:
-                    break
-                n = float(harmonics[top])
-                out.append(self.at(int(j), n))
-                share = np.where(np.abs(harmonics - n) < 2 * np.pi / span, 0.0, share)
+            out += [self.at(int(j), n) for n in _prominent(q[:, j], left[:, j])]
         return out
 
     def at(self, joint: int, harmonic: float) -> Term:
@@ -128,3 +139,34 @@ class TorqueRipple(Family):
 
     def draw_term(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Term:
         return self.at(int(rng.choice(np.flatnonzero(moving))), float(rng.integers(6, 30)))
+
+
+def _prominent(q: Array, left: Array) -> list[float]:
+    """Harmonics [1/rad] that stand out of what is ``left`` (T,) [N m] over the positions ``q`` (T,)."""
+    harmonics, share = spectrum(q, left)
+    if not len(share):
+        return []
+    twice, both = spectrum(q, left, multiples=(1, 2))
+    top = int(np.argmax(both)) if len(both) else 0
+    # Teeth and poles make a wave and its double; where both are large neither stands out alone.
+    if top > 0 and both[top] > _PROMINENCE * np.median(both) and 1.0 - both[top] < _DOUBLE * (1.0 - share.max()):
+        n = _sharper(q, left, float(twice[top]), (1, 2))
+        return [n, 2.0 * n]
+    out: list[float] = []
+    level = float(np.median(share))
+    for _ in range(_OFFERED):
+        # The foot of something slower, fewer than two periods over the range, is no harmonic of a ripple.
+        if share.max() < max(_PROMINENCE * level, 1e-3) or (top := int(np.argmax(share))) == 0:
+            break
+        n = float(harmonics[top])
+        out.append(_sharper(q, left, n, (1,)))
+        share = np.where(np.abs(harmonics - n) < 2 * np.pi / float(np.ptp(q)), 0.0, share)
+    return out
+
+
+def _sharper(q: Array, left: Array, harmonic: float, multiples: tuple[int, ...]) -> float:
+    """The best harmonic [1/rad] between the neighbours of ``harmonic`` in the spectrum: from one patch of positions to
+    another far from it a small difference is another phase."""
+    step = np.pi / (2 * float(np.ptp(q)))
+    asked, share = spectrum(q, left, multiples=multiples, asked=harmonic + step * np.linspace(-1.0, 1.0, _BETWEEN))
+    return float(f"{asked[int(np.argmax(share))]:.6g}")

@@ -8,6 +8,8 @@ search and are refined afterwards.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from functools import reduce
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -108,14 +110,21 @@ def _like_a_body(kind: Family) -> bool:
 
 
 def _promising(judge: Judge, chosen: Sequence[Term], terms: Sequence[Term], most: int) -> list[Term]:
-    """The best settings of every place, and of the places the ``most`` that lower the held-out error best."""
+    """The best settings of every place, and of the places the ``most`` that lower the held-out error best.
+
+    Of a family that may sit on a joint more than once two count together, too: a wave without its double may predict
+    positions that it has not seen worse than none.
+    """
     evidence = judge.evidence
     now = evidence.held(chosen).score
     best: dict[tuple[Any, ...], tuple[float, Term]] = {}
-    for term in terms:
-        score = evidence.held(joined(chosen, term)).score
-        if score < now and score < best.get(term.place, (np.inf, term))[0]:
-            best[term.place] = score, term
+    waves = [t for t in terms if t.family().several and t.joint is not None and t.size < MOST_NUMBERS]
+    twos = [pair for pair in combinations(waves, 2) if len({(t.effect, t.joint) for t in pair}) == 1]
+    for some in (*((term,) for term in terms), *(pair for pair in twos if pair[0].place != pair[1].place)):
+        score = evidence.held(reduce(joined, some, list(chosen))).score
+        for term in some:
+            if score < now and score < best.get(term.place, (np.inf, term))[0]:
+                best[term.place] = score, term
     return [term for _, term in sorted(best.values(), key=lambda item: (item[0], repr(item[1])))[:most]]
 
 

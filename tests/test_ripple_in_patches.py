@@ -1,0 +1,59 @@
+"""Ripples are found where the positions seen are patches shorter than a period, far from each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.small_arm import arm
+
+from hybrid_dynamics.effects import family
+from hybrid_dynamics.effects.state import Motion
+from hybrid_dynamics.types import Array
+
+ROBOT = arm()
+#: Middles [rad] of the patches, half their width and the noise [N m].
+MIDDLES, HALF, NOISE = (-1.6, -0.7, 0.2, 0.9, 1.8), 0.25, 0.05
+
+
+def _motions(seed: int) -> list[Motion]:
+    rng = np.random.default_rng(seed)
+    out = []
+    for middle in MIDDLES:
+        time = np.arange(1500) / 100.0
+        q = middle + HALF * np.sin(2 * np.pi * rng.uniform(0.1, 0.3) * time[:, None] + rng.uniform(0, 6, 2))
+        out.append(Motion(ROBOT, time, q, np.gradient(q, 0.01, axis=0), np.zeros_like(q)))
+    return out
+
+
+def _proposed(motions: list[Motion], left: list[Array]) -> list[float]:
+    kind, moving = family("torque_ripple"), np.array([True, False])
+    terms = kind.propose([str(k) for k in range(len(motions))], motions, left, moving)
+    return sorted(float(t.options["harmonic"]) for t in terms)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("harmonic", [6.0, 8.0, 11.0])
+def test_a_wave_and_its_double_are_proposed_together(harmonic: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    motions = _motions(seed)
+    phases = rng.uniform(0, 2 * np.pi, 2)
+    assert 2 * np.pi / harmonic > 2 * HALF  # no patch holds a period
+    for second in (0.0, 0.6):
+        left = []
+        for m in motions:
+            angle = harmonic * m.q[:, 0]
+            wave = np.sin(angle + phases[0]) + second * np.sin(2 * angle + phases[1])
+            left.append(np.column_stack([wave, 0 * wave]) + NOISE * rng.normal(size=m.q.shape))
+        found = np.array(_proposed(motions, left))
+        for true in (harmonic, 2 * harmonic) if second else (harmonic,):
+            # From one end of the range to the other by less than an eighth of a period.
+            assert np.min(np.abs(found - true)) < 2 * np.pi / 8 / (MIDDLES[-1] - MIDDLES[0])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_slow_curve_and_noise_are_no_wave_and_its_double(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    motions = _motions(seed)
+    left = [np.column_stack([0.5 * m.q[:, 0] ** 2] * 2) + NOISE * rng.normal(size=m.q.shape) for m in motions]
+    found = _proposed(motions, left)
+    assert not any(abs(b - 2 * a) < 0.2 for a in found for b in found)
