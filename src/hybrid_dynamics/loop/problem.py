@@ -138,11 +138,14 @@ class Problem:
     def smoothed(self, term: Term, motions: Sequence[Motion]) -> list[Array]:
         """Columns of ``term`` in every run, (K, p) of its joint or (K, n, p), given their :meth:`motions`."""
         out, only = [], term.options.get(ONLY_RUN)
-        for r, (run, motion) in enumerate(zip(self.runs, motions, strict=True)):
+        # Of bodies that turn: smooth as the motion is, at its rows as good as made finer and smoothed, and asked often.
+        smooth = term.family().uses_body and not self.base_follows_load
+        for r, (run, fine) in enumerate(zip(self.runs, motions, strict=True)):
+            motion = replace(fine, time=run.time, q=run.q, dq=run.dq, ddq=run.ddq) if smooth else fine
             columns = term.family().columns(motion, term)
             if self._read is not None:
                 columns = columns * (self._read[:, None] if columns.ndim == 3 else self._read[term.index])
-            if not term.family().by_regressor:
+            if not (term.family().by_regressor or smooth):
                 if self.base_follows_load and term.family().changes_body:
                     share = self._share(r)
                     columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [term.index]])
