@@ -70,6 +70,7 @@ def test_what_a_model_predicts_of_a_run_is_computed_once_in_a_row(panda, monkeyp
     load = Term("load_dependent_friction", 3)
     late = Effect("time_delay", (), {"delay": 0.01}, {"response": "delay"})
     grease, more = (Effect("viscous_friction", ("panda_joint4",), {"viscous_coefficient": v}) for v in (0.5, 0.6))
+    rotor, heavier = (Effect("armature", ("panda_joint4",), {"armature": v}) for v in (0.1, 0.2))
     evidence = Evidence.of(Model(panda), [run], [load], settings)
     asked = []
     newton_euler = Robot.inverse_dynamics
@@ -79,15 +80,22 @@ def test_what_a_model_predicts_of_a_run_is_computed_once_in_a_row(panda, monkeyp
         return newton_euler(robot, *states)
 
     monkeypatch.setattr(Robot, "inverse_dynamics", count)
-    one = evidence.problem.left([grease, late])
-    evidence.at([grease, late], [load])
+    one = evidence.problem.left([grease, rotor, late])
+    evidence.at([grease, rotor, late], [load])
     assert len(asked) == 1
-    other = evidence.problem.left([more, late])
+    # Friction leaves the rigid body as it is.
+    other = evidence.problem.left([more, rotor, late])
+    assert len(asked) == 1
+    heavy = evidence.problem.left([more, heavier, late])
     assert len(asked) == 2
-    again = evidence.problem.left([grease, late])
+    again = evidence.problem.left([grease, rotor, late])
     assert len(asked) == 2
     np.testing.assert_array_equal(one, again)
-    for effects, left in (([grease, late], one), ([more, late], other)):
+    for effects, left in (
+        ([grease, rotor, late], one),
+        ([more, rotor, late], other),
+        ([more, heavier, late], heavy),
+    ):
         np.testing.assert_array_equal(left[0], run.tau - predict_run(Model(panda, tuple(effects)), run))
 
 
