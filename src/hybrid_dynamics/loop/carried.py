@@ -40,25 +40,33 @@ class Carried:
 def carried_over(train: Sequence[Left], test: Sequence[Left], rounded_away: Array, settings: LoopSettings) -> Carried:
     """What the ``test`` runs leave beside what the ``train`` runs leave.
 
-    A test run whose noise, by second differences, is larger than that of the training runs may leave as much more; what
-    is no larger than ``rounded_away`` (n,) [N m] may be the steps of the torque alone.
+    Whether it is surely more is asked of the scatter between parts of the training runs. A test run whose noise, by
+    second differences, is larger than that of the training runs may leave as much more; what is no larger than
+    ``rounded_away`` (n,) [N m] may be the steps of the torque alone.
     """
     (noise, before), (noise_after, after) = _noise_and_left(train), _noise_and_left(test)
     grown = np.maximum(noise_after / np.where(noise > 0, noise, np.inf), 1.0)
     expected = before * grown
-    limit = (CARRIED * expected) ** 2
+    rows = [np.sum([keep.sum(axis=0) for _, _, keep in part], axis=0) for part in (train, test)]
     out = np.zeros(len(before), bool)
     for j in np.flatnonzero((before > 0) & (after > np.maximum(CARRIED * expected, rounded_away))):
-        sums, owner = [], []
-        for r, (run, left, keep) in enumerate(test):
-            excess = np.where(keep[:, j], left[:, j] ** 2 - limit[j], 0.0)
-            sums.append(np.add.reduceat(excess, block_starts(run.time, settings.block)))
-            owner.append(np.full(len(sums[-1]), r))
-        every = np.concatenate(sums)
-        error, blocks = block_error(every - every.mean(), np.concatenate(owner))
+        error, blocks = _scatter(train, int(j), float(before[j]) ** 2, settings.block)
+        # As if the test runs were more of the same: a slow misfit of them would drown in its own scatter.
+        spread = grown[j] ** 2 * error * np.sqrt(1.0 / rows[1][j] + 1.0 / rows[0][j]) / np.sqrt(rows[0][j])
         level = float(student.ppf(1.0 - settings.confirmation / len(before), max(blocks - 1, 1)))
-        out[j] = float(every.sum()) > level * error
+        out[j] = after[j] ** 2 - (CARRIED * expected[j]) ** 2 > level * spread
     return Carried(np.where(expected > 0, after / np.where(expected > 0, expected, 1.0), 0.0), out)
+
+
+def _scatter(parts: Sequence[Left], joint: int, mean: float, block: float) -> tuple[float, int]:
+    """Standard error of the summed squares [N m]^2 of what is left of ``joint``, of known ``mean`` square, and its
+    clusters."""
+    sums, owner = [], []
+    for r, (run, left, keep) in enumerate(parts):
+        excess = np.where(keep[:, joint], left[:, joint] ** 2 - mean, 0.0)
+        sums.append(np.add.reduceat(excess, block_starts(run.time, block)))
+        owner.append(np.full(len(sums[-1]), r))
+    return block_error(np.concatenate(sums), np.concatenate(owner))
 
 
 def _noise_and_left(parts: Sequence[Left]) -> tuple[Array, Array]:
