@@ -203,7 +203,7 @@ def compose(output: Path, overrides: list[str], conf: Path = ROOT / "conf") -> N
 
 def main() -> None:
     for line in complete(ROOT / "conf"):
-        print(f"{line} added with its default")
+        print(f"{line}: written")
     compose(ROOT / "params.yaml", sys.argv[1:])
     print("params.yaml composed from conf/")
 
