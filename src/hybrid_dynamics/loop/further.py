@@ -163,15 +163,8 @@ def merge_forms(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]
         forms = [c for c in listed if c.place == term.place and any(covers(c, t) for t in rest)]
         trials = [joined(rest, c) for c in forms]
         judge = judge.adding(forms)
-        for trial in sorted(trials, key=lambda t: (judge.evidence.held(t).score, repr(t[-1]))):
-            there = take(judge, out, trial)
-            if there is None:
-                continue
-            there = there.adding(out)
-            own, full = (there.evidence.held(terms, physical=True) for terms in (trial, out))
-            if there.as_good(own, full) and there.spares(own, full):
-                judge, out = there, trial
-                break
+        trials = sorted(trials, key=lambda t: (judge.evidence.held(t).score, repr(t[-1])))
+        judge, out = _first_as_good(judge, out, trials)
     return judge, out
 
 
@@ -185,16 +178,22 @@ def simplify_bodies(judge: Judge, chosen: Sequence[Term], candidates: Sequence[T
     judge = judge.at(out)
     for i in [i for i, term in enumerate(out) if term.family().contains and term.family().is_body]:
         judge, trials = _trials(judge, out, i, candidates)
-        for trial in _best_of_each(judge, trials, i):
-            there = take(judge, out, trial)
-            if there is None:
-                continue
-            there = there.adding(out)
-            own, full = (there.evidence.held(terms, physical=True) for terms in (trial, out))
-            if there.as_good(own, full) and there.spares(own, full):
-                judge, out = there, trial
-                break
+        judge, out = _first_as_good(judge, out, _best_of_each(judge, trials, i))
     return judge, out
+
+
+def _first_as_good(judge: Judge, chosen: list[Term], trials: Sequence[list[Term]]) -> tuple[Judge, list[Term]]:
+    """The first of ``trials`` that is as good as ``chosen`` where its own re-fit stands, else ``chosen``; and the judge
+    there."""
+    for trial in trials:
+        there = take(judge, chosen, trial)
+        if there is None:
+            continue
+        there = there.adding(chosen)
+        own, full = (there.evidence.held(terms, physical=True) for terms in (trial, chosen))
+        if there.as_good(own, full) and there.spares(own, full):
+            return there, trial
+    return judge, chosen
 
 
 def _trials(judge: Judge, chosen: Sequence[Term], i: int, candidates: Sequence[Term]) -> tuple[Judge, list[list[Term]]]:

@@ -1,0 +1,96 @@
+"""Fewer causes in the place of what makes their torque together: an offset, another form, one or two bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from tests.small_arm import arm, noisy_log
+
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop.complete import complete
+from hybrid_dynamics.loop.further import merge_forms
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.widen import narrowed, widened
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.simulation.excitation import excitations
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+NOISE = 0.1
+LINEAR, SINE = (Term("joint_spring", 1, (("shape", shape),)) for shape in ("linear", "sine"))
+OFFSET, DRY, UNEVEN = (Term(name, 1) for name in ("torque_offset", "coulomb_friction", "asymmetric_coulomb_friction"))
+
+
+def _judged(*hidden: Effect, seed: int = 1) -> tuple[Judge, list[Term]]:
+    settings = LoopSettings()
+    train = [noisy_log(hidden, seed + k, "train", NOISE) for k in (0, 1)]
+    logs = read_motion(ROBOT, train, [noisy_log(hidden, seed + 50, "test", NOISE)], settings)
+    judge, terms, _ = gather(Model(ROBOT), logs, settings)
+    return judge.adding([LINEAR, SINE, OFFSET, DRY, UNEVEN]), terms
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_offset_beside_what_makes_it_already(seed: int) -> None:
+    uneven = Effect(
+        "asymmetric_coulomb_friction", (ELBOW,), {"coulomb_torque_positive": 1.5, "coulomb_torque_negative": 0.5}
+    )
+    judge, terms = _judged(uneven, seed=seed)
+    assert OFFSET not in complete(judge.at([UNEVEN]), [UNEVEN], terms)[1]
+    # Control: beside friction that is the same both ways it is what is missing.
+    assert OFFSET in complete(judge.at([DRY]), [DRY], terms)[1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_spring_on_a_crank_beside_an_offset_is_a_linear_spring_where_that_does_as_well(seed: int) -> None:
+    judge, _ = _judged(Effect("joint_spring", (ELBOW,), {"stiffness": 4.0, "rest_position": 0.1}, {"shape": "linear"}))
+    assert merge_forms(judge, [OFFSET, SINE])[1] == [LINEAR]
+    # Control: a sine and an offset are no linear spring. The elbow swings by a radian.
+    crank = Effect("joint_spring", (ELBOW,), {"stiffness": 8.0, "rest_position": 0.1}, {"shape": "sine"})
+    judge, _ = _judged(crank, Effect("torque_offset", (ELBOW,), {"offset": 3.0}), seed=seed)
+    assert set(merge_forms(judge, [OFFSET, SINE])[1]) == {OFFSET, SINE}
+
+
+def _chain(joints: int) -> Robot:
+    """An arm of ``joints`` joints about the axes y and x in turn, links of a kilogram."""
+    axes = ("0 1 0", "1 0 0")
+    links = "".join(
+        f'<link name="l{k}"><inertial><origin xyz="0.02 0.01 0.15"/><mass value="1.0"/>'
+        '<inertia ixx="0.01" iyy="0.01" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="j{k}" type="revolute"><parent link="{f"l{k - 1}" if k else "base"}"/><child link="l{k}"/>'
+        f'<origin xyz="0 0 {0.3 if k else 0.0}"/><axis xyz="{axes[k % 2]}"/>'
+        '<limit lower="-2.5" upper="2.5" velocity="3" effort="60"/></joint>'
+        for k in range(joints)
+    )
+    return Robot.from_text(f'<robot name="chain"><link name="base"/>{links}</robot>', "chain")
+
+
+def _of_chain(robot: Robot, hidden: Sequence[Effect]) -> tuple[Judge, Term]:
+    settings = LoopSettings()
+    train, test = excitations(robot, hidden, train=3, test=1, duration=6.0, rate=200.0)
+    judge, terms, _ = gather(Model(robot), read_motion(robot, train, test, settings), settings)
+    return judge, next(t for t in terms if t.family().all_links)
+
+
+@pytest.mark.slow
+def test_two_bodies_take_the_place_of_all_links_and_links_that_are_all_off_keep_it() -> None:
+    robot = _chain(5)
+    names = robot.joint_names
+    two = [Effect("link_mass", (names[1],), {"mass": 1.6}), Effect("link_mass", (names[4],), {"mass": 1.4})]
+    judge, links = _of_chain(robot, two)
+    found = narrowed(judge.at([links]), [links])[1]
+    assert links not in found
+    assert len(found) == 2
+    # What has been narrowed is not widened again.
+    judge = judge.adding(found).at(found)
+    assert widened(judge, found)[1] == found
+    rng = np.random.default_rng(3)
+    every = [
+        Effect("link_mass", (n,), {"mass": float(1.0 + s)})
+        for n, s in zip(names, rng.uniform(0.2, 0.6, 5), strict=False)
+    ]
+    judge, links = _of_chain(robot, every)
+    assert narrowed(judge.at([links]), [links])[1] == [links]
