@@ -88,9 +88,7 @@ def test_two_bodies_take_the_place_of_all_links_and_links_that_are_all_off_keep_
     judge = judge.adding(found).at(found)
     assert widened(judge, found)[1] == found
     rng = np.random.default_rng(3)
-    every = [
-        Effect("link_mass", (n,), {"mass": float(1.0 + s)})
-        for n, s in zip(names, rng.uniform(0.2, 0.6, 5), strict=False)
-    ]
+    masses = rng.uniform(1.2, 1.6, 5)
+    every = [Effect("link_mass", (n,), {"mass": float(m)}) for n, m in zip(names, masses, strict=True)]
     judge, links = _of_chain(robot, every)
     assert narrowed(judge.at([links]), [links])[1] == [links]
