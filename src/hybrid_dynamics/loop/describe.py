@@ -76,7 +76,7 @@ def describe_result(
     for j in np.flatnonzero(carried.worse):
         lines.append(
             f"{robot.joint_names[j]}: the test runs leave {carried.times[j]:.3g} times as much as the training runs: "
-            "what is named does not carry over to their motion; learn from runs that move as they do"
+            "the model does not carry over to them; learn from runs that move as they do"
         )
     explained = ~floor.seen | ~(floor.motion_dependent | floor.cannot_tell | carried.worse)
     diagnosis = {
