@@ -195,6 +195,11 @@ def test_the_same_doubt_on_several_joints_is_one_line():
     told = [line for line in details(value) if not line.startswith("cannot be told apart")]  # type: ignore[assignment]
     assert told[0].startswith("cannot be told: a, b: what is left changes slowly")
     assert told[1].startswith("the test motion leaves the training range: 25 % of the speed of a;")
+    parted = [
+        line for line in details(value | {"worse_on_test": [True, False]}) if not line.startswith("cannot be told ap")
+    ]
+    assert parted[0] == "not down to noise: a: the test runs leave more than the training runs"
+    assert parted[1].startswith("cannot be told: b: what is left changes slowly")
     # The diagnosis says it again in its notes; the console once. Its words are those that are looked for.
     value["notes"] = ["a: what is left changes slowly (...)", "another note"]
     assert notes(value) == ["another note"]

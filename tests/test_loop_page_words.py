@@ -55,6 +55,17 @@ def test_an_error_that_is_noise_in_motion_alone_is_not_called_noise() -> None:
     assert state(2.0, 4.5) == ("open", words.ABOVE)
 
 
+def test_a_joint_whose_test_runs_leave_more_says_so_before_all_doubt() -> None:
+    left = {"joint": "a", "share_of_residual_variance": 0.7, "expression": "0"}
+    d: dict[str, Any] = {"joints": ["a"], "unexplained": [left], "motion_dependent": [False], "cannot_tell": [True]}
+    assert words.state_of(d, 0) == ("open", words.SLOW)
+    d["worse_on_test"] = [True]
+    assert words.state_of(d, 0) == ("open", words.PARTED)
+    assert words.still_open(d) == ["a: the test runs leave more than the training runs; no cause found."]
+    d["motion_dependent"] = [True]
+    assert words.state_of(d, 0) == ("open", words.ALARM)
+
+
 def test_what_is_above_the_noise_stays_open() -> None:
     def told(moving: list[float]) -> list[str]:
         d: dict[str, Any] = {"joints": ["a", "b"], "noise_floor_high": [1.0, 1.0], "unexplained": []}

@@ -97,6 +97,7 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
     alarms = dict(zip(joints, diagnosis.get("motion_dependent") or [False] * len(joints), strict=False))
     doubts = dict(zip(joints, diagnosis.get("cannot_tell") or [False] * len(joints), strict=False))
     parted = dict(zip(joints, diagnosis.get("worse_on_test") or [False] * len(joints), strict=False))
+    doubts = {joint: doubt and not parted.get(joint) for joint, doubt in doubts.items()}
     out, would_be = [], []
     told = {entry["joint"] for entry in diagnosis["unexplained"]}
     for entry in diagnosis["unexplained"]:

@@ -301,10 +301,10 @@ def still_open(d: Diagnosis) -> list[str]:
             out.append(f"{entry['joint']}: {part} of what is left (variance) is not noise.")
         elif dependent[j]:
             out.append(f"{entry['joint']}: what is left depends on the motion; {part} of it (variance) can be learned.")
-        elif _flags(d, "cannot_tell")[j] or not _flags(d, "worse_on_test")[j]:
-            out.append(f"{entry['joint']}: what is left changes slowly; these runs cannot tell it from an effect.")
-        else:
+        elif _flags(d, "worse_on_test")[j]:
             out.append(f"{entry['joint']}: the test runs leave more than the training runs; no cause found.")
+        else:
+            out.append(f"{entry['joint']}: what is left changes slowly; these runs cannot tell it from an effect.")
     out += [f"{entry['joint']}: {entry['why']}." for entry in d.get("not_identifiable", [])]
     told = {entry["joint"] for entry in (*d["unexplained"], *d.get("not_identifiable", []))}
     for state, words in _BESIDE.items():
@@ -323,10 +323,10 @@ def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
         return "unseen", "never moves"
     if _flags(d, "motion_dependent")[joint]:
         return "open", ALARM
-    if _flags(d, "cannot_tell")[joint]:
-        return "open", SLOW
     if _flags(d, "worse_on_test")[joint]:
         return "open", PARTED
+    if _flags(d, "cannot_tell")[joint]:
+        return "open", SLOW
     if "motion_dependent" not in d and name in {entry["joint"] for entry in d["unexplained"]}:
         return "open", "something is left"
     if _above_noise(d, joint, "error_moving" if "error_moving" in d else "error"):
