@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_dynamics.check.columns import Columns, columns_of, standing
 from hybrid_dynamics.check.cures import exchanged, reordered, turned
@@ -13,6 +14,7 @@ from hybrid_dynamics.check.delay import Delay, find_delay
 from hybrid_dynamics.check.findings import Finding, Severity
 from hybrid_dynamics.check.forms import FLOOR, Fit, Forms
 from hybrid_dynamics.check.guess import SAME_MOUNTING, Guess, angle, best_guess
+from hybrid_dynamics.check.pulled import spring_leaves
 from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch, stretches
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -70,11 +72,17 @@ def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding
     if not _holds(told, best):
         best = told
     names = robot.joint_names
-    findings = [*_signs(names, told, best, columns, forms), *_places(names, told, best), *_clock(told, best)]
+    q = np.concatenate([p.q for p in parts])
+    findings = [*_signs(names, told, best, columns, forms, q), *_places(names, told, best), *_clock(told, best)]
     if best.mirror is None and best.swap is None:
         findings += _mounting(robot, told, best)
         fits = [forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace) for j in range(forms.n)]
-        findings += _units(names, fits)
+        agreeing = (1 / MAX_SCALE, MAX_SCALE)
+        pulled = [
+            spring_leaves(columns, q[:, j], best.gravity, j, agreeing) <= min(f.left, SETTLED)
+            for j, f in enumerate(fits)
+        ]
+        findings += _units(names, fits, np.array(pulled))
         if best.pace == 1.0:
             findings += _rotors(robot, parts, forms, best)
         findings += _delay(names, columns, parts, best)
@@ -127,8 +135,8 @@ def _shares(told: Guess, best: Guess, joints: Sequence[int]) -> str:
     return f"unexplained {before:.0%} of the mean square as it stands, {after:.0%} so"
 
 
-def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, forms: Forms) -> list[Finding]:
-    """Torque columns, or positions, whose sign is wrong."""
+def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, forms: Forms, q: Array) -> list[Finding]:
+    """Torque columns, or positions ``q`` (K, n) [rad], whose sign is wrong."""
     if best.swap is not None:
         return []
     if best.mirror is not None:
@@ -137,16 +145,15 @@ def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, for
         what = "position and torque have" if both else "position has"
         cure = turned(len(names), [j], ["q", "dq", *(["tau"] if both else [])])
         moved = _changed(told, best) or [j]
-        return [
-            Finding(
-                "position_sign",
-                "hard" if _certain(told, best) else "warning",
-                f"{what} the wrong sign ({_shares(told, best, moved)}): the log counts it against the joint's axis "
-                f"in the URDF; set the sign of {'q and tau' if both else 'q'} to -1, or turn the axis in the URDF",
-                joint=names[j],
-                suggestion=cure,
-            )
-        ]
+        pulled = moved == [j] and _pulled(columns, q, told, best, j)
+        text = (
+            f"{what} the wrong sign ({_shares(told, best, moved)}): the log counts it against the joint's axis in the "
+            f"URDF; set the sign of {'q and tau' if both else 'q'} to -1, or turn the axis in the URDF"
+        )
+        if pulled:
+            text = f"it looks as if {text}; a spring at this joint that pulls the other way would look the same"
+        severity: Severity = "hard" if _certain(told, best) and not pulled else "warning"
+        return [Finding("position_sign", severity, text, joint=names[j], suggestion={} if pulled else cure)]
     flipped = [j for j, s in enumerate(best.sign) if s < 0]
     if len(flipped) > 1 and len(flipped) == len(names):
         return [
@@ -159,7 +166,13 @@ def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, for
                 suggestion=turned(len(names), flipped, ["tau"]),
             )
         ]
-    return [_one_sign(names, told, best, j, _shows_its_sign(columns, forms, best, j)) for j in flipped]
+    shown = {j: _shows_its_sign(columns, forms, best, j) and not _pulled(columns, q, told, best, j) for j in flipped}
+    return [_one_sign(names, told, best, j, shown[j]) for j in flipped]
+
+
+def _pulled(columns: Columns, q: Array, told: Guess, best: Guess, j: int) -> bool:
+    """Whether a spring at joint ``j`` explains as well as the better guess."""
+    return spring_leaves(columns, q[:, j], told.gravity, j) <= max(_left(best.scores[j]), SETTLED)
 
 
 def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, shown: bool) -> Finding:
@@ -315,13 +328,14 @@ def _mounting(robot: Robot, told: Guess, best: Guess) -> list[Finding]:
     return [Finding("mounting", "note", text)]
 
 
-def _units(names: Sequence[str], fits: Sequence[Fit]) -> list[Finding]:
-    """A unit is called wrong only where most joints that the model says much about agree."""
+def _units(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.bool_]) -> list[Finding]:
+    """A unit is called wrong only where most joints that the model says much about agree; not by joints ``pulled``
+    (n,), of which a spring explains as much."""
     alpha = np.array([f.coefficients[0] for f in fits])
     rigid = np.array([f.rigid for f in fits])
     strong = (rigid >= STRONG * max(float(rigid.max()), 1e-12)) & (alpha > 0)
     strong &= np.array([f.left < EXPLAINED for f in fits])
-    off = strong & ((alpha > MAX_SCALE) | (alpha < 1 / MAX_SCALE))
+    off = strong & ~pulled & ((alpha > MAX_SCALE) | (alpha < 1 / MAX_SCALE))
     if not off.any() or 2 * off.sum() < strong.sum():
         return []
     factors = alpha[strong]

@@ -1,0 +1,55 @@
+"""Does a spring explain what looks like a sign turned round?
+
+A strong spring on a joint, a counterbalance say, pulls against gravity: torque or position turned round then leave
+little, and the log is right as it is. Friction tells: of a torque that is turned round it would drive the joint.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from hybrid_dynamics.check.columns import Columns
+from hybrid_dynamics.types import Array
+
+#: Powers of the position that a spring's torque is made of.
+POWERS = (1, 2, 3)
+#: Friction that drives speaks where it makes this share of the torque's mean square.
+SPEAKS = 0.01
+
+
+def spring_leaves(
+    columns: Columns, q: Array, gravity: Array, j: int, scale: tuple[float, float] = (0.0, np.inf)
+) -> float:
+    """Share of the mean square of the torque of joint ``j`` that the robot as it is described, under ``gravity`` (3,)
+    [m/s^2], leaves with a spring at that joint, positions ``q`` (K,) [rad]; 1 where friction would drive the joint.
+
+    ``scale``: between which multiples of the description the links may be.
+    """
+    torque = columns.tau[:, j] - columns.tau[:, j].mean()
+    power = float(torque @ torque)
+    if power <= 0:
+        return 1.0
+    middle = 0.5 * (q.max() + q.min())
+    reach = max(float(np.ptp(q)) / 2, 1e-9)
+    spring = [((q - middle) / reach) ** k for k in POWERS]
+    table = np.column_stack(
+        [
+            columns.motion[:, j] + columns.gravity[:, j] @ gravity,
+            columns.ddq[:, j],
+            columns.dq[:, j],
+            columns.sign[:, j],
+            *spring,
+        ]
+    )
+    table = table - table.mean(axis=0)
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    low, high = np.full(table.shape[1], -np.inf), np.full(table.shape[1], np.inf)
+    low[:2], high[0] = (scale[0] * size[0], 0.0), scale[1] * size[0]  # the links, and a rotor
+    x = lsq_linear(table / size, torque, (low, high)).x / size
+    friction = table[:, 2:4] @ x[2:4]
+    drives = float(friction @ columns.dq[:, j]) < 0
+    if drives and float(friction @ friction) > SPEAKS * power:
+        return 1.0
+    left = torque - table @ x
+    return float(left @ left) / power
