@@ -118,7 +118,9 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         # What goes had stood for plain friction, too: of that joint it has not been asked.
         judge, kept = without_noise(*complete(judge, kept, candidates, common))
     judge, kept = without_noise(*choose_signs(*gain_for_links(judge, kept)), sure=True)
-    judge, chosen = narrowed(*widened(judge, kept))
+    judge, chosen = widened(judge, kept)
+    judge, chosen, further = _as_few_bodies(judge, chosen, candidates, looked, report)
+    steps += further
     if chosen != kept:
         # What stood beside one body may be nothing beside all of them.
         judge, chosen = without_noise(judge, chosen)
@@ -134,6 +136,23 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     fitted = refit(judge.evidence, chosen)
     judge, beside = beside_links(judge.over(fitted.evidence), chosen)
     return Found(chosen, fitted.x, [], steps, [], judge, beside)
+
+
+def _as_few_bodies(
+    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], looked: int, report: Callable[[Step], None]
+) -> tuple[Judge, list[Term], list[Step]]:
+    """``chosen`` with a body or two in the place of all links where these do as well; the judge there, and the steps.
+
+    Of a single link's body, and not of all links', it is known what it could stand for: a wrong zero, a spring, a gain.
+    """
+    judge, few = narrowed(judge, chosen)
+    if few == list(chosen):
+        return judge, few, []
+    judge, offered = further_candidates(judge, few)
+    asked = [*candidates, *offered]
+    judge, few, steps = _refined(judge, few, asked, report)
+    judge, few, _, further = _surely(judge, few, asked, looked, report)
+    return judge, few, [*steps, *further]
 
 
 def _in_simplest_form(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
