@@ -58,7 +58,7 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, lis
     terms = []
     for name in settings.further:
         kind = family(name)
-        where = left | bodily if _like_a_body(kind) else left
+        where = left | bodily if like_a_body(kind) else left
         where = where | np.isin(np.arange(evidence.n), [s.index for s in flexible if _alike(s, name)])
         if where.any():
             terms += kind.terms(evidence.robot, where, settings.options)
@@ -68,7 +68,7 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, lis
     judge = judge.adding(terms)
     found = _promising(judge, chosen, terms, MOST_PLACES)
     if bodies:
-        alike = [s for s in terms if _like_a_body(s.family())]
+        alike = [s for s in terms if like_a_body(s.family())]
         instead = _promising(judge, [s for s in chosen if s not in bodies], alike, MOST_INSTEAD)
         found += [s for s in instead if s not in found]
     for own in flexible:
@@ -104,7 +104,7 @@ def _alike(term: Term, name: str) -> bool:
     return any(name in known.effects for known in term.family().equivalent_to)
 
 
-def _like_a_body(kind: Family) -> bool:
+def like_a_body(kind: Family) -> bool:
     """True for a wrong zero, a spring, a gain: what a link's body can make the torque of."""
     return any(family(name).changes_body for alike in kind.equivalent_to for name in alike.effects)
 

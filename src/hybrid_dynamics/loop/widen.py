@@ -20,6 +20,7 @@ from hybrid_dynamics.effects.inertia import body_scale
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
+from hybrid_dynamics.loop.further import like_a_body
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge, joined, same_place
 from hybrid_dynamics.types import Array
@@ -29,8 +30,10 @@ from hybrid_dynamics.types import Array
 BELIEVED = 2.0
 #: Of the ten parameters mass and first moment: inertias show in accelerations, in a short run hardly.
 WEIGHED = 4
-#: So many bodies may stand in the place of all links: three of ten numbers cost as much.
+#: So many causes may stand in the place of all links: three bodies of ten numbers cost as much.
 FEW = 2
+#: Of those within this multiple of the least score, so many are re-fitted.
+NEAR, TRIED = 1.2, 5
 #: Standard errors by which held-out samples must be predicted better where several bodies are named, all believed.
 BETTER = 1.0
 
@@ -58,28 +61,35 @@ def widened(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
 
 
 def narrowed(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
-    """``chosen`` with :data:`FEW` bodies or fewer, each believed, in the place of all links' parameters, where these do
-    not predict held-out samples better by :data:`BETTER` standard errors; and the judge there."""
+    """``chosen`` with :data:`FEW` bodies or fewer, each believed, or what can look like one (a spring, a wrong zero, a
+    gain), in the place of all links' parameters, where these do not predict held-out samples better by :data:`BETTER`
+    standard errors; and the judge there."""
     links = next((t for t in chosen if t.family().all_links), None)
     if links is None:
         return judge, list(chosen)
     robot, options = judge.evidence.robot, judge.settings.options
     moving = judge.evidence.samples >= FEWEST_ROWS
-    names = [name for name in judge.settings.families if family(name).changes_body and not family(name).all_links]
-    bodies = [t for name in names for t in family(name).terms(robot, moving, options) if t.family().by_regressor]
-    judge = judge.adding(bodies).at(chosen)
+    names = [name for name in judge.settings.families if family(name).by_regressor and not family(name).all_links]
+    alike = [family(name) for name in judge.settings.further]
+    names += [k.name for k in alike if k.scope == "joint" and not k.several and like_a_body(k)]
+    causes = [t for name in names for t in family(name).terms(robot, moving, options)]
+    judge = judge.adding(causes).at(chosen)
     judge, beside = beside_links(judge, chosen)
     evidence, together = judge.evidence, [*chosen, *beside]
     limit, rest = evidence.held(together), [t for t in chosen if t != links]
-    free = [c for c in bodies if not any(same_place(c, t) for t in rest)]
-    trials = [[*rest, *some] for count in range(1, FEW + 1) for some in combinations(free, count)]
-    held = [evidence.held(trial) for trial in trials]
-    best = min(range(len(trials)), key=lambda k: (held[k].score, repr(trials[k])), default=None)
-    if best is None or judge.gain(limit, held[best]).surer_than(BETTER):
+    free = [c for c in causes if not any(same_place(c, t) for t in rest)]
+    groups = [some for count in range(1, FEW + 1) for some in combinations(free, count)]
+    held = {some: evidence.held([*rest, *some]) for some in groups if len({t.place for t in some}) == len(some)}
+    best = min(held.values(), key=lambda h: h.score, default=None)
+    if best is None or judge.gain(limit, best).surer_than(BETTER):
         return judge.at(chosen), list(chosen)
-    trial = trials[best]
-    there = take(judge, together, trial)
-    if there is not None and beyond_belief(there, trial, there.evidence.fit(trial)) <= BELIEVED:
+    # Of those that do as well the cheapest first: a spring of two numbers before a link of ten that stands for it.
+    near = [some for some, own in held.items() if own.score <= NEAR * best.score and judge.as_good(own, best)]
+    for some in sorted(near, key=lambda some: (judge.price(*some), held[some].score, repr(some)))[:TRIED]:
+        trial = [*rest, *some]
+        there = take(judge, together, trial)
+        if there is None or beyond_belief(there, trial, there.evidence.fit(trial)) > BELIEVED:
+            continue
         there = there.adding(together)
         few, all_of_them = (there.evidence.held(terms, physical=True) for terms in (trial, together))
         if there.spares(few, all_of_them) and not there.gain(all_of_them, few).surer_than(BETTER):
