@@ -91,6 +91,8 @@ def missing(present: Mapping[str, Any], wanted: Mapping[str, Any], path: str = "
 
 def complete(conf: Path) -> list[str]:
     """Write into ``conf`` what its files lack; returns what was added."""
+    told = studies(conf)
+    _check_lists(conf, told)
     yaml, added = YAML(), []
     yaml.width, yaml.preserve_quotes = 120, True
     yaml.indent(mapping=2, sequence=4, offset=2)
@@ -114,7 +116,6 @@ def complete(conf: Path) -> list[str]:
         _insert(
             document["defaults"], lambda entry: _group(entry) in _sections(), {name: LAYER_FILES.get(name, "default")}
         )
-    told = studies(conf)
     named = {_group(entry) for entry in document["defaults"]}
     sets = [name for name in told if f"{DATASET}{name}" not in named]
     for name in sets:
@@ -131,25 +132,32 @@ def studies(conf: Path) -> dict[str, dict[str, list[str]]]:
     return {file.stem: told for file in files if (told := YAML().load(file.read_text("utf-8")).get("studies"))}
 
 
-def _listed(conf: Path, told: Mapping[str, Mapping[str, Sequence[str]]], yaml: YAML) -> list[str]:
-    """Put every data set into the lists it wants to stand in, behind what stands there; returns what was added.
+def _check_lists(conf: Path, told: Mapping[str, Mapping[str, Sequence[str]]]) -> None:
+    """Raise :class:`ConfigError` for a study or a list that a data set names and that is not there: before anything is
+    written."""
+    for name, wanted in told.items():
+        for study, groups in wanted.items():
+            path = conf / "study" / f"{study}.yaml"
+            if not path.is_file():
+                known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
+                raise ConfigError(f"conf/dataset/{name}.yaml: studies name {study!r}; conf/study/ has {known}")
+            document = YAML().load(path.read_text("utf-8"))
+            lists = [key for key, value in document.items() if isinstance(value, list) and key != "defaults"]
+            for group in groups:
+                if group not in lists:
+                    raise ConfigError(
+                        f"conf/dataset/{name}.yaml: {path.name} has no list {group!r}; it has {', '.join(lists)}"
+                    )
 
-    Raises :class:`ConfigError` for a study or a list that is not there.
-    """
+
+def _listed(conf: Path, told: Mapping[str, Mapping[str, Sequence[str]]], yaml: YAML) -> list[str]:
+    """Put every data set into the lists it wants to stand in, behind what stands there; returns what was added."""
     added: list[str] = []
     for study in sorted({study for wanted in told.values() for study in wanted}):
         path = conf / "study" / f"{study}.yaml"
-        if not path.is_file():
-            known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
-            raise ConfigError(f"conf/dataset/: studies name {study!r}; conf/study/ has {known}")
         document, before = yaml.load(path.read_text("utf-8")), len(added)
         for name, wanted in told.items():
             for group in wanted.get(study, ()):
-                if not isinstance(document.get(group), list):
-                    lists = ", ".join(
-                        key for key, value in document.items() if isinstance(value, list) and key != "defaults"
-                    )
-                    raise ConfigError(f"conf/dataset/{name}.yaml: {path.name} has no list {group!r}; it has {lists}")
                 if name not in document[group]:
                     document[group].append(name)
                     added.append(f"conf/study/{path.name}: {name} under {group}")

@@ -135,12 +135,13 @@ def test_a_data_set_is_one_file(tmp_path):
 
 def test_a_list_that_is_not_there_is_refused(tmp_path):
     shutil.copytree(CONF, tmp_path / "conf")
-    file, study = tmp_path / "conf/dataset/small_arm.yaml", tmp_path / "conf/study/paper.yaml"
-    before = study.read_text("utf-8")
+    file = tmp_path / "conf/dataset/small_arm.yaml"
+    written = [tmp_path / "conf" / name for name in ("study/paper.yaml", "config.yaml")]
+    before = [path.read_text("utf-8") for path in written]
     file.write_text(SMALL_ARM.format(lists="recorded, parks"), "utf-8")
     with pytest.raises(ConfigError, match=r"small_arm.yaml: paper.yaml has no list 'parks'; it has datasets,"):
         complete(tmp_path / "conf")
-    assert study.read_text("utf-8") == before
+    assert [path.read_text("utf-8") for path in written] == before  # nothing half-written
 
 
 def test_every_data_set_stands_where_its_file_says():
