@@ -26,6 +26,7 @@ from hybrid_dynamics.effects.acting import (  # noqa: E402  (needs the filled re
     readings,
     with_effects,
 )
+from hybrid_dynamics.effects.gravity_tilt import mounted  # noqa: E402
 
 __all__ = [
     "Effect",
@@ -40,6 +41,7 @@ __all__ = [
     "Term",
     "catalogue",
     "family",
+    "mounted",
     "predict",
     "readings",
     "register",

@@ -38,6 +38,12 @@ def tilted_gravity(roll: float, pitch: float, size: float) -> Array:
     return np.asarray(base_rotation(roll, pitch).T @ np.array([0.0, 0.0, -size]))
 
 
+def mounted(gravity: Array) -> Effect:
+    """The effect by which gravity points along ``gravity`` (3,) in the frame of the base."""
+    roll, pitch = base_angles(gravity)
+    return Effect(GravityTilt.name, (), {"roll": roll, "pitch": pitch})
+
+
 @register
 class GravityTilt(Family):
     name = "gravity_tilt"

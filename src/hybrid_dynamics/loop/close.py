@@ -9,19 +9,22 @@ from importlib import import_module
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from hybrid_dynamics.check import checked
+from hybrid_dynamics.check import Checked, checked
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.carried import carried_over
 from hybrid_dynamics.loop.confirm import confirm
 from hybrid_dynamics.loop.describe import describe_result
 from hybrid_dynamics.loop.diagnosis import Diagnosis, predict_run
-from hybrid_dynamics.loop.find import find
+from hybrid_dynamics.loop.find import Found, find
 from hybrid_dynamics.loop.floor import Floor, examine
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.loop.prepare import gather, read_motion, resolution
+from hybrid_dynamics.loop.mounting import as_found, as_mounted
+from hybrid_dynamics.loop.prepare import Logs, gather, read_motion, resolution
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Progress
@@ -100,15 +103,12 @@ def _close(
         raise InputError("no training run is given; expected at least one log with positions and torques")
     progress(0.0, "looking at the logs")
     plausible = checked(base, train, test)
-    progress(0.05, "reading the motion")
-    logs = read_motion(base.completed_robot, plausible.train, plausible.test, settings)
-
-    progress(0.15, "computing what each effect would do")
-    judge, terms, notes = gather(base, logs, settings)
-
-    progress(0.3, "tracing")
-    found = find(judge, terms, _counted(progress, 0.3, 0.8))
-    judge = found.judge
+    mounted = as_mounted(base, plausible.gravity, settings)
+    searched = _searched(base, mounted, plausible, settings, progress, 0.05)
+    if (turned := as_found(base, mounted, searched.found.effects(False))) is not None:
+        again = _searched(base, turned, plausible, settings, progress, 0.45)
+        searched = min(searched, again, key=lambda s: s.left(searched.found.judge))
+    logs, terms, found, judge = searched.logs, searched.terms, searched.found, searched.found.judge
 
     progress(0.8, "asking the test runs")
     full = found.model(found.terms)
@@ -121,7 +121,7 @@ def _close(
     carried = carried_over(parts[: len(logs.train)], parts[len(logs.train) :], logs.rounded_away, settings)
 
     progress(0.9, "describing what is left")
-    notes = [*plausible.notes, *logs.notes, *notes, *found.notes]
+    notes = [*plausible.notes, *logs.notes, *searched.notes, *found.notes]
     diagnosis, models = describe_result(judge, base, terms, found, full, said, floor, carried, logs, notes)
     after = diagnosis.error_moving["test"].after_confirmed
     assert after is not None
@@ -136,6 +136,34 @@ def _close(
         tuple(logs.test),
         floor,
     )
+
+
+@dataclass(frozen=True)
+class _Searched:
+    """What was ``found`` in ``logs`` among ``terms``; ``notes`` on what was left out."""
+
+    logs: Logs
+    terms: list[Term]
+    notes: list[str]
+    found: Found
+
+    def left(self, judge: Judge) -> float:
+        """Held-out mean squares of what was found, the joints weighed as by ``judge``."""
+        own = self.found.judge
+        held = own.evidence.held(self.found.terms, physical=True)
+        return float(own.mean_square(held) @ (judge.evidence.weights * judge.evidence.samples))
+
+
+def _searched(
+    base: Model, mounted: Model, plausible: Checked, settings: LoopSettings, progress: Progress, begun: float
+) -> _Searched:
+    """What ``base`` lacks, searched from ``mounted`` on: the same with its base turned, where it is mounted so."""
+    progress(begun, "reading the motion")
+    logs = read_motion(mounted.completed_robot, plausible.train, plausible.test, settings)
+    progress(begun + 0.1, "computing what each effect would do")
+    judge, terms, notes = gather(mounted, logs, settings)
+    progress(begun + 0.2, "tracing")
+    return _Searched(logs, terms, notes, find(judge, terms, _counted(progress, begun + 0.2, 0.8), base))
 
 
 def _counted(progress: Progress, low: float, high: float) -> Callable[[Step], None]:

@@ -19,6 +19,7 @@ from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.floor import Floor
 from hybrid_dynamics.loop.identifiability import inconsistent, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
+from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unexplained import expression_of
@@ -40,6 +41,8 @@ def describe_result(
     """The diagnosis and the model after each effect; ``notes`` are what the earlier steps told."""
     robot, evidence = base.robot, judge.evidence
     alternatives = indistinguishable(judge, found.terms, terms)
+    # Nothing else turns an arm onto a wall: what could stand for the rest of such a tilt says nothing.
+    alternatives |= {term: [] for term in turned_by(found.start, evidence.base)}
     disagreeing = inconsistent(judge, found.terms, found.x, found.inconsistent)
     open_parameters = {s: undetermined(evidence, [*found.terms, *found.beside], s) for s in found.terms}
     models = [base, *(found.model(found.terms[: k + 1], False) for k in range(len(found.terms)))]

@@ -15,6 +15,7 @@ from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.forms import choose_forms
 from hybrid_dynamics.loop.further import at_the_end, further_candidates, merge_forms, refine, simplify, simplify_bodies
 from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
@@ -37,7 +38,8 @@ MOST_RETURNS = 2
 @dataclass(frozen=True)
 class Found:
     """``terms`` and their coordinates ``x``; ``inconsistent``: those whose parameters differ between runs; ``steps``;
-    ``judge`` as it weighed the joints in the end; ``beside``: estimated beside all links, and no finding."""
+    ``judge`` as it weighed the joints in the end; ``beside``: estimated beside all links, and no finding; ``start``:
+    the model that is completed (the search may have begun from one whose base is turned, :mod:`.mounting`)."""
 
     terms: list[Term]
     x: Array
@@ -45,6 +47,7 @@ class Found:
     steps: list[Step]
     notes: list[str]
     judge: Judge
+    start: Model
     beside: list[Term] = field(default_factory=list)
 
     def effects(self, covariance: bool = True) -> list[Effect]:
@@ -55,7 +58,7 @@ class Found:
 
     def named(self, full: Model) -> list[Effect]:
         """Of ``full``, the model of all :attr:`terms`, their effects in their order."""
-        return [e for e in full.effects[len(self.judge.evidence.base.effects) :] if e.is_finding]
+        return [e for e in full.effects[len(self.start.effects) :] if e.is_finding]
 
     def model(self, terms: Sequence[Term], covariance: bool = True) -> Model:
         """The completed model with ``terms`` of these alone: re-fitted, but where runs disagree.
@@ -63,20 +66,24 @@ class Found:
         Its effects are those of ``terms`` in their order, then what stands ``beside`` all links, where these are in.
         """
         if not terms:
-            return self.judge.evidence.base
-        if not self.inconsistent:
-            beside = self.beside if wanted(terms) else []
-            return model_of(self.judge.evidence, [*terms, *beside], covariance)
-        kept = [e for s, e in zip(self.terms, self.effects(covariance), strict=True) if s in terms]
-        return self.judge.evidence.base.adding(kept)
+            return self.start
+        if self.inconsistent:
+            return self.start.adding(e for s, e in zip(self.terms, self.effects(covariance), strict=True) if s in terms)
+        beside = self.beside if wanted(terms) else []
+        evidence = self.judge.evidence
+        fitted = model_of(evidence, [*terms, *beside], covariance)
+        return self.start.adding(fitted.effects[len(evidence.base.effects) :])
 
 
-def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None]) -> Found:
+def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None], start: Model | None = None) -> Found:
     """Search from everything and from nothing, keep the better end, then only what is surely there.
 
     Where the model found leaves much less than the joints were weighed by at first (a large effect had drowned the
-    rest), they are weighed anew and the search goes on from there.
+    rest), they are weighed anew and the search goes on from there. What the search's model has beyond ``start`` is
+    found by the logs beforehand, and is among the terms whatever else is.
     """
+    start = start or judge.evidence.base
+    given = turned_by(start, judge.evidence.base)
     candidates = list(candidates)
     looked = len({s.place for s in candidates})
     judge, chosen, steps = _both_ends(judge, candidates, report)
@@ -93,8 +100,10 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     candidates = [*candidates, *offered]
     if offered:
         looked = len({s.place for s in candidates})
-        judge, chosen, further = _refined(judge, chosen, candidates, report)
+        there, found, further = _refined(judge, chosen, candidates, report)
         steps += further
+        # A way of many steps, each as good as the one before, may end far below where it began.
+        judge, chosen = choose([(there, found), (judge, chosen)])
     judge, chosen = _in_simplest_form(judge, chosen, candidates)
     held = judge.mean_square(judge.evidence.held(chosen, physical=True))
     if len(judge.evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
@@ -107,7 +116,10 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
             # What is nothing on the whole, now this and now that way, is no cause of the robot.
             if all(sizes.get(s, np.inf) > 1.0 for s in whole_of(parts)):
                 notes = ["the runs disagree: a whole-robot effect has its own parameters in every training run"]
-                return Found(merged, x, whole_of(parts), [*steps, *further], notes, split)
+                known = [t for t in given if t not in merged]
+                merged, x = [*known, *merged], np.concatenate([np.zeros(sum(t.size for t in known)), x])
+                split = split.adding(known)
+                return Found(merged, x, whole_of(parts), [*steps, *further], notes, split, start)
     judge, chosen = _drop_guesses(judge, chosen)
     judge, chosen, common, further = _surely(judge, chosen, candidates, looked, report)
     steps += further
@@ -133,9 +145,10 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         # It could be when it was named, and no longer can beside what came in since.
         rest = [t for t in chosen if t not in lost]
         judge, chosen = without_noise(*complete(judge, rest, candidates, common))
-    fitted = refit(judge.evidence, chosen)
+    chosen = [*given, *(t for t in chosen if t not in given)]
+    fitted = refit(judge.adding(given).evidence, chosen)
     judge, beside = beside_links(judge.over(fitted.evidence), chosen)
-    return Found(chosen, fitted.x, [], steps, [], judge, beside)
+    return Found(chosen, fitted.x, [], steps, [], judge, start, beside)
 
 
 def _as_few_bodies(

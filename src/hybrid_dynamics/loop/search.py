@@ -8,7 +8,7 @@ every addition makes the model larger until a drop or a replacement, as many add
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
 from hybrid_dynamics.loop.pairs import pair_on_a_joint
-from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Judge, covers, joined, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, PRACTICAL, Candidate, Judge, covers, joined, rank, same_place
 
 #: An effect that was dropped this often is left alone.
 MOST_DROPS = 2
@@ -111,23 +111,30 @@ def search(
         current = list(trial)
         record(action, added, table)
         current = better_settings(judge, current, candidates)
-        while (useless := _useless(judge, current)) is not None:
-            current = [s for s in current if s != useless]
+        stays: set[Term] = set()
+        while (useless := _useless(judge, current, stays)) is not None:
+            rest = [s for s in current if s != useless]
+            taken = take(judge, current, rest, PRACTICAL)
+            if taken is None:
+                stays.add(useless)
+                continue
+            judge, current = taken, rest
             dropped[useless] += 1
             seen.add(frozenset(current))
-            judge = judge.at(current)
             record("drop", useless)
     return judge, steps
 
 
-def take(judge: Judge, current: Sequence[Term], trial: Sequence[Term]) -> Judge | None:
-    """The judge at ``trial``; None where that does not keep what its tangent at ``current`` promised.
+def take(judge: Judge, current: Sequence[Term], trial: Sequence[Term], share: float = BROKEN_PROMISE) -> Judge | None:
+    """The judge at ``trial``; None where that does not keep, but for ``share``, what its tangent at ``current``
+    promised.
 
-    Candidates are judged with every law linear where the model stands; the law as it is may end far from there.
+    Candidates are judged with every law linear where the model stands; the law as it is may end far from there. A drop
+    may, too: a gain follows the torque of all that is named, and without the friction that it multiplies it ran away.
     """
     limit = max(judge.evidence.held(terms, physical=True).score for terms in (current, trial))
     there = judge.at(trial)
-    kept = there.evidence.held(trial, physical=True).score <= (1 + BROKEN_PROMISE) * limit
+    kept = there.evidence.held(trial, physical=True).score <= (1 + share) * limit
     return there if kept else None
 
 
@@ -177,8 +184,8 @@ def choose_signs(judge: Judge, current: Sequence[Term]) -> tuple[Judge, list[Ter
     return judge, best
 
 
-def _useless(judge: Judge, current: Sequence[Term]) -> Term | None:
-    """The effect that others explain by now, if any: without it held-out error hardly grows."""
+def _useless(judge: Judge, current: Sequence[Term], stays: Collection[Term]) -> Term | None:
+    """The effect that others explain by now, if any: without it held-out error hardly grows. None of ``stays``."""
     if len(current) < 2:
         return None
     evidence, settings = judge.evidence, judge.settings
@@ -186,6 +193,8 @@ def _useless(judge: Judge, current: Sequence[Term]) -> Term | None:
     full = evidence.held(current, active)
     worst: tuple[float, Term] | None = None
     for term in current:
+        if term in stays:
+            continue
         if active and judge.plainly_needed(current, term, DECISIVE, settings.keep_share):
             continue
         rest = [s for s in current if s != term]

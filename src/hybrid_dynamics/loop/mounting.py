@@ -1,0 +1,56 @@
+"""An arm on a wall or under a ceiling: the search starts from where gravity is, not from where the URDF has it.
+
+The torque of a tilt is linear in the vector of gravity, so a tilt of any angle is found at once. What the other bodies
+would do is not: columns of links, payloads and loads are those of the gravity that the search starts from, and a
+quarter turn away they are those of another robot. Where the logs show beforehand that the arm is mounted otherwise
+(:mod:`hybrid_dynamics.check`), or where the tilt that was found is large, the search (again) starts from the turned
+base. The tilt is a finding like any other, its angles those against the level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hybrid_dynamics.check.guess import angle
+from hybrid_dynamics.check.torque import WEIGHED_WRONGLY
+from hybrid_dynamics.effects import Effect, Term, mounted
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.types import Array
+
+#: A base that turned out to be tilted by more than this [rad] is searched once more from there: links that are off are
+#: then seen wrongly by a tenth.
+MUCH = 0.1
+
+
+def as_mounted(start: Model, gravity: Array, settings: LoopSettings) -> Model:
+    """``start`` with its base turned so that gravity points along ``gravity`` (3,), where that is another mounting.
+
+    Smaller angles links of another weight could feign: there the search decides.
+    """
+    tilt = mounted(gravity)
+    if tilt.effect not in settings.families or angle(gravity, _gravity(start)) <= WEIGHED_WRONGLY:
+        return start
+    return _with(start, tilt)
+
+
+def as_found(start: Model, searched: Model, found: Sequence[Effect]) -> Model | None:
+    """``start`` with its base turned as the ``found`` effects have it, where that is far from ``searched``, from which
+    the search began; else None."""
+    gravity = _gravity(start.adding(found))
+    return _with(start, mounted(gravity)) if angle(gravity, _gravity(searched)) > MUCH else None
+
+
+def turned_by(start: Model, searched: Model) -> list[Term]:
+    """What ``searched``, from which a search starts, has beyond ``start``, from which the loop does."""
+    return [effect.term(start.robot) for effect in searched.effects[len(start.effects) :]]
+
+
+def _with(start: Model, tilt: Effect) -> Model:
+    return Model(start.robot, (*start.effects, tilt), start.inactive, start.misfit)
+
+
+def _gravity(model: Model) -> Array:
+    return np.asarray(model.completed_robot.model.gravity.linear, float)
