@@ -51,7 +51,7 @@ def judged(effects: list[Effect]) -> tuple[Judge, list[Term], list[Run]]:
 def errors(judge: Judge, chosen: list[Term], beside: list[Term], test: list[Run]) -> tuple[Model, float]:
     """Completed model, and its error [N m] at the shoulder in all poses."""
     fitted = refit(judge.evidence.adding(beside), chosen)
-    found = Found(chosen, fitted.x, [], [], [], judge.over(fitted.evidence), beside)
+    found = Found(chosen, fitted.x, [], [], [], judge.over(fitted.evidence), judge.evidence.base, beside)
     model = found.model(chosen)
     return model, errors_of(model, test)["rmse"][0]
 
@@ -92,7 +92,7 @@ def test_beside_single_causes_nothing_is_estimated() -> None:
     # It is no part of the model without the links.
     judge, held = beside_links(judge, [every])
     fitted = refit(judge.evidence, [every, *single])
-    found = Found([every, *single], fitted.x, [], [], [], judge.over(fitted.evidence), held)
+    found = Found([every, *single], fitted.x, [], [], [], judge.over(fitted.evidence), judge.evidence.base, held)
     assert [e.is_finding for e in found.model([every]).effects] == [True, False, False]
     assert all(e.is_finding for e in found.model(single).effects)
     assert len(found.model(single).effects) == len(single)

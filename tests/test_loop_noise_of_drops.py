@@ -136,7 +136,7 @@ def test_an_effect_that_helps_its_joint_is_not_contradicted_by_another_joint(mon
     said = confirm_module.TestChange(0.2, 0.01, True, np.array([0.4, -0.1]))
     monkeypatch.setattr(confirm_module, "test_change", lambda *_: said)
     fitted = refit(judge.evidence, [friction, body])
-    found = Found([friction, body], fitted.x, [], [], [], judge.over(fitted.evidence))
+    found = Found([friction, body], fitted.x, [], [], [], judge.over(fitted.evidence), Model(ROBOT))
     confirmed = confirm_module.confirm(judge, Model(ROBOT), found.model(found.terms), found, judge.evidence.runs)
     assert confirmed.changes[body].contradicts
     assert not confirmed.changes[friction].contradicts

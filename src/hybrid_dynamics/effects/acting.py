@@ -80,7 +80,7 @@ def with_effects(robot: Robot, effects: Iterable[Effect], along: bool = False) -
                     None if load is None else load.T,
                     joint,
                     partner,
-                    None if time is None else time - time[0],
+                    time,
                 )
                 if along:
                     out[:, joint] += kind.along(at, effect.parameters, effect.settings)
@@ -103,10 +103,17 @@ def predict(
 
 
 def predict_acting(
-    changed: Robot, torque: StateTorque, read: Readings, q: Array, dq: Array, ddq: Array, time: Array | None = None
+    changed: Robot,
+    torque: StateTorque,
+    read: Readings,
+    q: Array,
+    dq: Array,
+    ddq: Array,
+    time: Array | None = None,
+    began: float | None = None,
 ) -> Array:
     """:func:`predict` for effects that are planted already."""
-    return recorded(acting_torques(changed, torque, read, q, dq, ddq, time)[1], time, read)
+    return recorded(acting_torques(changed, torque, read, q, dq, ddq, time, began=began)[1], time, read)
 
 
 def acting_torques(
@@ -118,16 +125,19 @@ def acting_torques(
     ddq: Array,
     time: Array | None = None,
     rigid: Array | None = None,
+    began: float | None = None,
 ) -> tuple[Array, Array]:
     """Torques (T, n) [N m] at work where ``q`` is read: of the rigid body, and of it and the effects together.
 
-    ``rigid``: the first, where it is known.
+    ``rigid``: the first, where it is known; ``began``: the time stamp [s] of the run's beginning, where that is not the
+    first of ``time``.
     """
     q, dq, ddq = (np.asarray(a, float) for a in (q, dq, ddq))
     q = q + read.offset
     if rigid is None:
         rigid = changed.inverse_dynamics(q, dq, ddq)
-    return rigid, rigid + torque(q, dq, rigid, ddq, time)
+    since = None if time is None else np.asarray(time) - (time[0] if began is None else began)
+    return rigid, rigid + torque(q, dq, rigid, ddq, since)
 
 
 def recorded(acting: Array, time: Array | None, read: Readings) -> Array:

@@ -46,6 +46,8 @@ StateTorque = Callable[..., Array]
 FROM_JOINT = "from_joint"
 #: Setting of an effect that acts in one run only: its name.
 ONLY_RUN = "only_run"
+#: Setting of an effect that acts for a while only: pairs (start, end) [s since the run began].
+INTERVALS = "intervals"
 #: Setting of an effect that is estimated beside others and is no finding: the size [N m] that it is expected within.
 HELD = "held_within"
 

@@ -21,6 +21,8 @@ class Declared:
     searched: ClassVar[bool] = True
     #: Sought only where it is asked for by name: too free, or about the recording rather than the robot.
     asked_only: ClassVar[bool] = False
+    #: A constant torque that acts within intervals of time: looked for as what stands out in time, not as a law.
+    momentary: ClassVar[bool] = False
     #: A joint effect that may also be one for all joints together (no joint is named then).
     shared: ClassVar[bool] = False
     #: Several of it may sit on one joint (see :meth:`.Family.place`).

@@ -1,27 +1,21 @@
 """Something pushes against the arm during part of a run: a constant torque of one joint within time intervals.
 
 Setting ``intervals``: pairs (start, end) [s since the run began]. What happened in one run says nothing about another:
-the loop gives such an effect the run it belongs to (``only_run``).
+the loop gives such an effect the run it belongs to (``only_run``), unless every run shows it at the same time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label, uniform_filter1d
 
-from hybrid_dynamics.effects.base import ONLY_RUN, Family, Term, register
-from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, State
+from hybrid_dynamics.effects.base import INTERVALS, ONLY_RUN, Family, Term, register
+from hybrid_dynamics.effects.state import Equivalence, Parameter, State
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
-from hybrid_dynamics.types import Array
-
-INTERVALS = "intervals"
-#: A contact lasts at least this long [s], covers at most this share of a run, and stands out by so many deviations.
-_SHORTEST, _LARGEST_SHARE, _PROMINENCE = 0.3, 0.5, 5.0
 
 
 @register
@@ -32,7 +26,7 @@ class ExternalContact(Family):
     equation = r"\tau = \tau_c \text{ within the intervals, else } 0"
     parameters = (Parameter("torque", "N m"),)
     searched = False
-    asked_only = True
+    momentary = True
     several = True
     drawn_against = "time"
     shown_by = "the same motion is repeated without contact"
@@ -43,28 +37,7 @@ class ExternalContact(Family):
     )
 
     def terms(self, robot: Robot, moving: NDArray[np.bool_], options: Mapping[str, Any]) -> list[Term]:
-        return []  # intervals come from the data, see propose
-
-    def propose(
-        self, names: Sequence[str], motions: Sequence[Motion], residuals: Sequence[Array], moving: NDArray[np.bool_]
-    ) -> list[Term]:
-        """Intervals in which what is left of a joint's torque stays on one side, far beyond its usual size."""
-        out = []
-        for name, motion, left in zip(names, motions, residuals, strict=True):
-            dt = float(np.median(np.diff(motion.time)))
-            window = max(round(0.1 / dt), 1)
-            for j in range(left.shape[1]):
-                smooth = uniform_filter1d(left[:, j] - np.median(left[:, j]), window)
-                size = 1.4826 * float(np.median(np.abs(smooth)))
-                for side in (1.0, -1.0):
-                    parts, count = label(side * smooth > _PROMINENCE * size)
-                    for k in range(1, count + 1):
-                        rows = np.flatnonzero(parts == k)
-                        lasts = len(rows) * dt
-                        if size > 0 and _SHORTEST <= lasts <= _LARGEST_SHARE * len(left) * dt:
-                            times = (motion.time[rows[[0, -1]]] - motion.time[0]).round(4).tolist()
-                            out.append(self.at(j, (tuple(times),), name))
-        return out
+        return []  # the loop finds intervals by what stands out in time
 
     def at(self, joint: int, intervals: tuple[tuple[float, ...], ...], run: str | None = None) -> Term:
         """The term of a push on ``joint`` during ``intervals`` of ``run``."""

@@ -97,7 +97,7 @@ class State:
 @dataclass(frozen=True)
 class Motion:
     """States of a run: ``time`` (T,) [s], ``q dq ddq`` (T, n), and the robot whose rigid body moves (that of the model
-    so far, for effects with ``uses_body``).
+    so far, for effects with ``uses_body``). ``began`` [s]: when the run did, where that is not the first of ``time``.
 
     ``given_load`` (T, n) [N m] replaces the robot's own rigid-body torque where the model has changed it;
     ``given_torque`` (T, n) [N m] is the torque of the whole model (rigid body and effects, without those that only
@@ -115,6 +115,7 @@ class Motion:
     given_torque: Array | None = None
     given_lag: float = 0.0
     given_regressor: Array | None = None
+    began: float | None = None
 
     @cached_property
     def load(self) -> Array:
@@ -144,5 +145,5 @@ class Motion:
             self.load.T if load else None,
             joint,
             partner,
-            self.time - self.time[0],
+            self.time - (self.time[0] if self.began is None else self.began),
         )

@@ -14,9 +14,10 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.carried import carried_over
 from hybrid_dynamics.loop.confirm import confirm
+from hybrid_dynamics.loop.contact import pushed_in_tests
 from hybrid_dynamics.loop.describe import describe_result
 from hybrid_dynamics.loop.diagnosis import Diagnosis, predict_run
-from hybrid_dynamics.loop.find import Found, find
+from hybrid_dynamics.loop.find import Found, find, with_contacts
 from hybrid_dynamics.loop.floor import Floor, examine
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import as_found, as_mounted
@@ -108,7 +109,8 @@ def _close(
     if (turned := as_found(base, mounted, searched.found.effects(False))) is not None:
         again = _searched(base, turned, plausible, settings, progress, 0.45)
         searched = min(searched, again, key=lambda s: s.left(searched.found.judge))
-    logs, terms, found, judge = searched.logs, searched.terms, searched.found, searched.found.judge
+    logs, terms, judge = searched.logs, searched.terms, searched.found.judge
+    found = with_contacts(searched.found, logs)
 
     progress(0.8, "asking the test runs")
     full = found.model(found.terms)
@@ -121,7 +123,7 @@ def _close(
     carried = carried_over(parts[: len(logs.train)], parts[len(logs.train) :], logs.rounded_away, settings)
 
     progress(0.9, "describing what is left")
-    notes = [*plausible.notes, *logs.notes, *searched.notes, *found.notes]
+    notes = [*plausible.notes, *logs.notes, *searched.notes, *found.notes, *pushed_in_tests(full, logs.test, settings)]
     diagnosis, models = describe_result(judge, base, terms, found, full, said, floor, carried, logs, notes)
     after = diagnosis.error_moving["test"].after_confirmed
     assert after is not None

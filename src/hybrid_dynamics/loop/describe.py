@@ -24,6 +24,7 @@ from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unexplained import expression_of
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.types import Array
 
 
 def describe_result(
@@ -45,8 +46,7 @@ def describe_result(
     alternatives |= {term: [] for term in turned_by(found.start, evidence.base)}
     disagreeing = inconsistent(judge, found.terms, found.x, found.inconsistent)
     open_parameters = {s: undetermined(evidence, [*found.terms, *found.beside], s) for s in found.terms}
-    models = [base, *(found.model(found.terms[: k + 1], False) for k in range(len(found.terms)))]
-    models[-1] = full
+    models = found.steps_to(full)
     rms = [moving_rms(m, logs.test) for m in models]
     outside = extrapolation(robot, logs.train, logs.test)
     lines: list[str] = []
@@ -69,6 +69,18 @@ def describe_result(
         if not entry["confirmed"]:
             lines.append(f"{term.effect}{_where(robot, term)}: contradicted by the test runs ({entry['why_not']})")
         entries.append(entry)
+    for k, effect in enumerate(found.contacts, len(entries)):
+        entries.append(
+            {
+                **effect_to_json(effect, robot.prismatic),
+                "indistinguishable_from": [],
+                "test_rmse_before": [float(v) for v in rms[k]],
+                "test_rmse_after": [float(v) for v in rms[k + 1]],
+                # A moment of training runs: others neither confirm nor contradict it, but where all have it.
+                "confirmed": True,
+                "test_change": _relative(rms[k], rms[k + 1]),
+            }
+        )
     lines += _beside(said.model.effects[len(base.effects) :], robot.prismatic)
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
@@ -130,6 +142,12 @@ def _unexplained(
         "share_of_residual_variance": share,
         "expression": expression_of(model, logs.train, logs.test, joint, judge.settings.evaluations),
     }
+
+
+def _relative(before: Array, after: Array) -> dict[str, float]:
+    """Relative change of the joints' mean square errors together."""
+    whole = max(float(np.sum(np.square(before))), 1e-300)
+    return {"value": float(np.sum(np.square(after))) / whole - 1.0, "std_error": 0.0}
 
 
 def _confirmed(

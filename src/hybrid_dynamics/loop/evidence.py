@@ -156,9 +156,9 @@ class Evidence:
         folds = folds_by_time(self.blocks, self.settings.time_folds)
         return Evidence(self._linear.folded(folds), self.weights)
 
-    def leave_out(self, run: int, rows: slice) -> Evidence:
-        """Where ``rows`` of run number ``run`` count no more."""
-        return Evidence(self._linear.without_rows(run, rows), self.weights)
+    def leave_out(self, run: int, rows: slice, joint: int | None = None) -> Evidence:
+        """Where ``rows`` of run number ``run`` count no more, on ``joint`` or on all."""
+        return Evidence(self._linear.without_rows(run, rows, joint), self.weights)
 
     def adding(self, terms: Sequence[Term]) -> Evidence:
         """With the columns of ``terms`` (those not there yet)."""

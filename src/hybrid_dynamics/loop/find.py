@@ -11,12 +11,16 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
 from hybrid_dynamics.loop.beside import beside_links, wanted
 from hybrid_dynamics.loop.complete import complete
+from hybrid_dynamics.loop.contact import named as named_contacts
+from hybrid_dynamics.loop.contact import run_by_run, worse_with
+from hybrid_dynamics.loop.contact import wanted as wanted_contact
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.forms import choose_forms
 from hybrid_dynamics.loop.further import at_the_end, further_candidates, merge_forms, refine, simplify, simplify_bodies
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.noise import noise_floor
+from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
@@ -39,7 +43,8 @@ MOST_RETURNS = 2
 class Found:
     """``terms`` and their coordinates ``x``; ``inconsistent``: those whose parameters differ between runs; ``steps``;
     ``judge`` as it weighed the joints in the end; ``beside``: estimated beside all links, and no finding; ``start``:
-    the model that is completed (the search may have begun from one whose base is turned, :mod:`.mounting`)."""
+    the model that is completed (the search may have begun from one whose base is turned, :mod:`.mounting`);
+    ``contacts``: effects of a moment (:mod:`.contact`), which stand last in every model."""
 
     terms: list[Term]
     x: Array
@@ -49,6 +54,7 @@ class Found:
     judge: Judge
     start: Model
     beside: list[Term] = field(default_factory=list)
+    contacts: list[Effect] = field(default_factory=list)
 
     def effects(self, covariance: bool = True) -> list[Effect]:
         """With published parameters and standard errors."""
@@ -58,21 +64,34 @@ class Found:
 
     def named(self, full: Model) -> list[Effect]:
         """Of ``full``, the model of all :attr:`terms`, their effects in their order."""
-        return [e for e in full.effects[len(self.start.effects) :] if e.is_finding]
+        added = full.effects[len(self.start.effects) : len(full.effects) - len(self.contacts)]
+        return [e for e in added if e.is_finding]
 
     def model(self, terms: Sequence[Term], covariance: bool = True) -> Model:
         """The completed model with ``terms`` of these alone: re-fitted, but where runs disagree.
 
         Its effects are those of ``terms`` in their order, then what stands ``beside`` all links, where these are in.
         """
+        return self.start.adding([*self._laws(terms, covariance), *self.contacts])
+
+    def steps_to(self, full: Model) -> list[Model]:
+        """The models after each finding, from the start to ``full``."""
+        laws = [self.start.adding(self._laws(self.terms[: k + 1], False)) for k in range(len(self.terms))]
+        last = len(full.effects) - len(self.contacts)
+        moments = [Model(full.robot, full.effects[: last + k + 1]) for k in range(len(self.contacts))]
+        models = [self.start, *laws, *moments]
+        models[-1] = full
+        return models
+
+    def _laws(self, terms: Sequence[Term], covariance: bool) -> Sequence[Effect]:
+        """Effects of ``terms``, re-fitted, and what stands beside them."""
         if not terms:
-            return self.start
+            return []
         if self.inconsistent:
-            return self.start.adding(e for s, e in zip(self.terms, self.effects(covariance), strict=True) if s in terms)
+            return [e for s, e in zip(self.terms, self.effects(covariance), strict=True) if s in terms]
         beside = self.beside if wanted(terms) else []
         evidence = self.judge.evidence
-        fitted = model_of(evidence, [*terms, *beside], covariance)
-        return self.start.adding(fitted.effects[len(evidence.base.effects) :])
+        return model_of(evidence, [*terms, *beside], covariance).effects[len(evidence.base.effects) :]
 
 
 def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None], start: Model | None = None) -> Found:
@@ -149,6 +168,24 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     fitted = refit(judge.adding(given).evidence, chosen)
     judge, beside = beside_links(judge.over(fitted.evidence), chosen)
     return Found(chosen, fitted.x, [], steps, [], judge, start, beside)
+
+
+def with_contacts(found: Found, logs: Logs) -> Found:
+    """``found`` with what surely pushed in the moments that the search left out, as the model found leaves it there.
+
+    What happens at one time of every training run and in no test run is told run by run.
+    """
+    name, judge = wanted_contact(found.judge.settings), found.judge
+    if name is None or not judge.contacts:
+        return found
+    model, evidence = found.model(found.terms, False), judge.evidence
+    contacts: list[Effect] = []
+    for contact in judge.contacts:
+        alike = named_contacts(model, evidence.runs, evidence.mask, [contact], name)
+        apart = run_by_run(contact, len(evidence.runs))
+        more = named_contacts(model, evidence.runs, evidence.mask, apart, name)
+        contacts += more if worse_with(model, alike, logs.test) else alike
+    return replace(found, contacts=contacts)
 
 
 def _as_few_bodies(

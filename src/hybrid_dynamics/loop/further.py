@@ -53,7 +53,8 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, lis
     motions, rest = [], []
     for run, r in zip(evidence.runs, residual, strict=True):
         thin = slice(None, None, max(len(run.time) // _ROWS, 1))
-        motions.append(Motion(evidence.robot, run.time[thin], run.q[thin], run.dq[thin], run.ddq[thin]))
+        states = run.time[thin], run.q[thin], run.dq[thin], run.ddq[thin]
+        motions.append(Motion(evidence.robot, *states, began=run.motion.began))
         rest.append(r[thin])
     terms = []
     for name in settings.further:

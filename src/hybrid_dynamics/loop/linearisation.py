@@ -73,10 +73,10 @@ class Linearisation:
         """The same with other folds."""
         return replace(self, folds=folds, sums=FoldSums.of(self.gram, folds))
 
-    def without_rows(self, run: int, rows: slice) -> Linearisation:
-        """The same where ``rows`` of run number ``run`` count no more."""
+    def without_rows(self, run: int, rows: slice, joint: int | None = None) -> Linearisation:
+        """The same where ``rows`` of run number ``run`` count no more, on ``joint`` or on all."""
         mask = tuple(m.copy() if r == run else m for r, m in enumerate(self.mask))
-        mask[run][rows] = False
+        mask[run][rows, slice(None) if joint is None else joint] = False
         gram = _products(self.columns, self.moving, self.target, mask)
         return replace(self, mask=mask, gram=gram, sums=FoldSums.of(gram, self.folds))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.resources import files
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Readings, StateTorque, Term, family, readings, split_key, with_effects
 from hybrid_dynamics.effects.acting import acting_torques, predict_acting, recorded
+from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
 from hybrid_dynamics.files import json_text, write_text
@@ -46,7 +47,20 @@ class Model:
 
     @cached_property
     def _acting(self) -> tuple[Robot, StateTorque]:
-        return with_effects(self.robot, self.effects, along=True)
+        return with_effects(self.robot, self._everywhere, along=True)
+
+    @property
+    def _everywhere(self) -> list[Effect]:
+        """Effects that act in any run; what happened in one says nothing of another."""
+        return [e for e in self.effects if ONLY_RUN not in e.settings]
+
+    def in_run(self, name: str) -> Model:
+        """The model of one run that was searched: effects that act in the run ``name`` alone act, too."""
+        if len(self._everywhere) == len(self.effects):
+            return self
+        own = [e for e in self.effects if e.settings.get(ONLY_RUN) in (None, name)]
+        effects = tuple(replace(e, settings={k: v for k, v in e.settings.items() if k != ONLY_RUN}) for e in own)
+        return Model(self.robot, effects, self.inactive, self.misfit)
 
     @cached_property
     def predictions(self) -> dict[int, tuple[Any, Array]]:
@@ -61,23 +75,30 @@ class Model:
     @cached_property
     def readings(self) -> Readings:
         """What the log reads wrongly: position offsets, torque gains, a delay."""
-        return readings(self.robot, self.effects)
+        return readings(self.robot, self._everywhere)
 
-    def predict(self, q: Array, dq: Array, ddq: Array, time: Array | None = None) -> Array:
+    def predict(self, q: Array, dq: Array, ddq: Array, time: Array | None = None, began: float | None = None) -> Array:
         """Recorded torque (T, n) [N m] for one whole run, rows in the order of time.
 
-        ``time`` (T,) [s] serves effects that depend on it.
+        ``time`` (T,) [s] serves effects that depend on it; ``began`` [s] is when the run did, if not at ``time[0]``.
+        What acted in one run alone (setting ``only_run``) is left out.
         """
-        return predict_acting(*self._acting, self.readings, q, dq, ddq, time)
+        return predict_acting(*self._acting, self.readings, q, dq, ddq, time, began)
 
     def acting_torques(
-        self, q: Array, dq: Array, ddq: Array, time: Array | None = None, rigid: Array | None = None
+        self,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+        time: Array | None = None,
+        rigid: Array | None = None,
+        began: float | None = None,
     ) -> tuple[Array, Array]:
         """Torques (T, n) [N m] at work: of the rigid body, and of it and the effects, before what is read wrongly.
 
         ``rigid``: the first, where it is known (of a model with the same :attr:`rigid_body`).
         """
-        return acting_torques(*self._acting, self.readings, q, dq, ddq, time, rigid)
+        return acting_torques(*self._acting, self.readings, q, dq, ddq, time, rigid, began)
 
     @cached_property
     def rigid_body(self) -> bytes:
@@ -100,13 +121,13 @@ class Model:
         (2,)
         """
         changed, law = self._momentary
-        rows = [np.asarray(a, float).reshape(1, -1) for a in (q, dq, ddq)]
+        at = tuple(np.asarray(a, float).reshape(1, -1) for a in (q, dq, ddq))
         now = Readings(self.readings.offset, self.readings.gain)
-        return np.asarray(predict_acting(changed, law, now, *rows)[0])
+        return np.asarray(predict_acting(changed, law, now, at[0], at[1], at[2])[0])
 
     @cached_property
     def _momentary(self) -> tuple[Robot, StateTorque]:
-        return with_effects(self.robot, self.effects)
+        return with_effects(self.robot, self._everywhere)
 
     def load_derivative(self, q: Array, dq: Array, ddq: Array) -> Array:
         """How much the effects' torque grows with the rigid-body torque, (T, n): friction that follows the load."""

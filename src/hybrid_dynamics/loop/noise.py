@@ -47,7 +47,7 @@ def noise_floor(evidence: Evidence, terms: Sequence[Term] = (), x: Array | None 
     """
     left = evidence.problem.base_target if x is None else evidence.residuals(terms, x)
     out = np.zeros(evidence.n)
-    for j, rows in _rich_rows(evidence, left):
+    for j, rows in rich_rows(evidence, left):
         blocks = [
             rows[r][low:high][evidence.mask[r][low:high, j]]
             for r, (low, high) in zip(evidence.blocks.run, evidence.blocks.rows, strict=True)
@@ -62,7 +62,7 @@ def rich_residuals(evidence: Evidence) -> list[Array]:
     Where a run has too few rows for that, the fit on all runs serves it; where all have, nothing is left (0).
     """
     out = [np.zeros(t.shape) for t in evidence.problem.base_target]
-    for j, rows in _rich_rows(evidence, evidence.problem.base_target):
+    for j, rows in rich_rows(evidence, evidence.problem.base_target):
         counted = [part[mask[:, j]] for part, mask in zip(rows, evidence.mask, strict=True)]
         grams = [part.T @ part for part in counted]
         needed = _ROWS_PER_COLUMN * rows[0].shape[1]
@@ -77,7 +77,7 @@ def rich_residuals(evidence: Evidence) -> list[Array]:
     return out
 
 
-def _rich_rows(evidence: Evidence, left: Sequence[Array]) -> Iterator[tuple[int, list[Array]]]:
+def rich_rows(evidence: Evidence, left: Sequence[Array]) -> Iterator[tuple[int, list[Array]]]:
     """Joint after joint the columns of the rich model, and the target ``left`` (K, n) as the last, in every run."""
     rigid = [predict_fine(evidence.base, run) for run in evidence.runs]
     for j in range(evidence.n):

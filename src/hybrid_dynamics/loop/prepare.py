@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop.contact import without_contacts
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.model import Model
@@ -103,6 +104,7 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     """Evidence for all candidates and the judge over it; notes on what was left out."""
     terms = candidates(base, logs.moving, settings)
     evidence, notes = _without_outliers(Evidence.of(base, logs.train, terms, settings))
+    evidence, contacts = without_contacts(evidence)
     least, variance = resolution(logs, settings), logs.variance
     seen = evidence.samples >= FEWEST_ROWS
     # A rich model of few rows follows the noise; second differences see it whatever the model.
@@ -111,7 +113,8 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
     # What rounding takes away is no news either. Where the torque goes through many steps it is part of the noise.
     misfit = np.maximum(misfit, np.where(np.sqrt(variance) < MANY_STEPS * logs.step, logs.rounded_away, 0.0))
-    return Judge(evidence.weigh(floor), settings, floor, variance, misfit, np.maximum(low, least)), terms, notes
+    judge = Judge(evidence.weigh(floor), settings, floor, variance, misfit, np.maximum(low, least), tuple(contacts))
+    return judge, terms, notes
 
 
 def resolution(logs: Logs, settings: LoopSettings) -> Array:

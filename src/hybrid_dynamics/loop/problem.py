@@ -30,13 +30,13 @@ KEPT = 2
 
 def model_in(base: Model, effects: Sequence[Effect], run: Run) -> Model:
     """``base`` with those of ``effects`` that act in ``run``."""
-    return base.adding(e for e in effects if e.settings.get(ONLY_RUN) in (None, run.name))
+    return base.adding(effects).in_run(run.name)
 
 
 def predict_fine(model: Model, run: Run) -> Array:
     """Prediction at the states of ``run``, not yet smoothed (M, n) [N m]."""
     m = run.motion
-    return model.predict(m.q, m.dq, m.ddq, m.time)
+    return model.in_run(run.name).predict(m.q, m.dq, m.ddq, m.time, m.began)
 
 
 class Problem:
@@ -106,7 +106,7 @@ class Problem:
         m, body = self.runs[r].motion, model.rigid_body
         # Most models that a fit tries differ in their friction, not in their bodies.
         rigid = next((own for kept, own in self._rigid[r] if kept == body), None)
-        torques = model.acting_torques(m.q, m.dq, m.ddq, m.time, rigid)
+        torques = model.acting_torques(m.q, m.dq, m.ddq, m.time, rigid, m.began)
         if rigid is None:
             self._rigid[r].append((body, torques[0]))
         self._asked[r].append((model, torques))

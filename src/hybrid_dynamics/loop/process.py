@@ -151,7 +151,7 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
 
     inside = slice(trim, len(q) - trim)
     fine = slice(trim, len(q) - trim, step)
-    motion = Motion(robot, trajectory.time[fine], q[fine], dq[fine], ddq[fine])
+    motion = Motion(robot, trajectory.time[fine], q[fine], dq[fine], ddq[fine], began=float(trajectory.time[0]))
     coarse = hann_kernel(1.0 / cutoff, dt, step)
     edge = len(coarse) // 2
     count = len(range(edge, len(motion.time) - edge, keep))

@@ -92,7 +92,8 @@ class LoopSettings:
     def further(self) -> tuple[str, ...]:
         """Families asked only where the plainer ones leave something."""
         rest = [name for name in catalogue(everything=True) if name not in self.families]
-        return () if self.effects else tuple(name for name in rest if not family(name).asked_only)
+        laws = (n for n in rest if not family(n).asked_only and not family(n).momentary)
+        return () if self.effects else tuple(laws)
 
     @property
     def options(self) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.blocks import block_starts
+from hybrid_dynamics.loop.contact import Contact
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
@@ -92,6 +93,7 @@ class Judge:
     ``misfit`` (n,) [N m] is what the starting model was known to be off by on other runs, or what the steps of the
     recorded torque round away: a smaller change is no news.
     ``low`` (n,) [N m]: no more than that is noise, by second differences.
+    ``contacts``: moments that the evidence leaves out, since something may push then.
     """
 
     evidence: Evidence
@@ -100,6 +102,7 @@ class Judge:
     torque_variance: Array
     misfit: Array
     low: Array
+    contacts: tuple[Contact, ...] = ()
 
     def at(self, terms: Sequence[Term]) -> Judge:
         """Where the model with ``terms``, re-fitted from here, stands."""

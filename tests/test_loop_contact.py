@@ -1,0 +1,159 @@
+"""Something that pushes against the arm for a while: told as that, not as a law of the motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.small_arm import arm, noisy_log
+
+from hybrid_dynamics import predict
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.loop import LoopResult, LoopSettings, close_loop
+from hybrid_dynamics.loop.boxes import STEP, Interval, Stretch, boxes
+from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+GREASE = Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 1.5})
+#: Of the torque [N m], white.
+NOISE = 0.1
+PUSH, START, END = 0.8, 6.0, 9.0
+LAWS = LoopSettings(effects=("viscous_friction", "torque_offset", "external_contact"))
+
+
+def _pushed(log: Trajectory, torque: float = PUSH, joint: int = 1) -> Trajectory:
+    """``log`` with a constant push from START to END [s]."""
+    tau = log["tau"].copy()
+    tau[(log.time >= START) & (log.time <= END), joint] += torque
+    return replace(log, signals={**log.signals, "tau": tau})
+
+
+def _logs(*pushed: str) -> tuple[list[Trajectory], list[Trajectory]]:
+    """Two training runs and a test run; of those named ``pushed`` something pushes against the elbow."""
+    every = [noisy_log([GREASE], seed, split, NOISE) for seed, split in ((1, "train"), (2, "train"), (51, "test"))]
+    every = [_pushed(log) if log.name in pushed else log for log in every]
+    return every[:2], every[2:]
+
+
+def _contacts(result: LoopResult) -> list[Effect]:
+    return [e for e in result.model.effects if e.effect == "external_contact"]
+
+
+def _is_the_push(effect: Effect) -> None:
+    assert effect.joints == (ELBOW,)
+    ((start, end),) = effect.settings["intervals"]
+    # Within the filter's window.
+    assert (start, end) == pytest.approx((START, END), abs=0.06)
+    assert abs(effect.parameters["torque"] - PUSH) < 3 * effect.std_errors["torque"]
+    assert effect.std_errors["torque"] < 0.1 * PUSH
+
+
+def test_a_push_in_one_run_is_told_with_its_time_and_its_run() -> None:
+    result = close_loop(ROBOT, *_logs("train_1"))
+    (contact,) = _contacts(result)
+    _is_the_push(contact)
+    assert contact.settings["only_run"] == "train_1"
+    assert [(e.effect, e.joints) for e in result.model.effects if e != contact] == [("viscous_friction", (ELBOW,))]
+    assert [e.confirmed for e in result.diagnosis.effects] == [True, True]
+    assert result.diagnosis.verdict == "explained"
+    # It says nothing of another run: nor of one of the same name that is predicted later.
+    still = noisy_log([GREASE], 7, "train", NOISE)
+    error = predict(result.model, replace(still, name="train_1")).rmse()
+    assert error == pytest.approx(predict(result.model, still).rmse(), abs=1e-12)
+    assert max(error) < 0.1 * PUSH
+
+
+def test_a_push_in_every_run_acts_in_every_run() -> None:
+    result = close_loop(ROBOT, *_logs("train_1", "train_2", "test_51"))
+    (contact,) = _contacts(result)
+    _is_the_push(contact)
+    assert "only_run" not in contact.settings
+    assert result.diagnosis.verdict == "explained"
+    before, after = (getattr(result.diagnosis.error["test"], when).rmse[1] for when in ("before", "after"))
+    # But for its edges, which are a sample off.
+    assert after < 0.1 * before
+
+
+def test_a_push_in_every_training_run_but_in_no_test_run_is_told_run_by_run() -> None:
+    contacts = _contacts(close_loop(ROBOT, *_logs("train_1", "train_2")))
+    assert sorted(c.settings["only_run"] for c in contacts) == ["train_1", "train_2"]
+    for contact in contacts:
+        _is_the_push(contact)
+
+
+def test_a_push_in_a_test_run_is_told_with_its_time() -> None:
+    result = close_loop(ROBOT, *_logs("test_51"), LAWS)
+    assert not _contacts(result)
+    (line,) = [n for n in result.diagnosis.notes if "pushed" in n]
+    assert f"run test_51: from {START:.1f}" in line
+    assert ELBOW in line
+    assert [(e.effect, e.joints) for e in result.model.effects] == [("viscous_friction", (ELBOW,))]
+
+
+def test_without_a_push_and_where_none_is_asked_for_none_is_told() -> None:
+    assert not _contacts(close_loop(ROBOT, *_logs()))
+    asked = close_loop(ROBOT, *_logs("train_1"), LoopSettings(effects=("viscous_friction", "torque_offset")))
+    assert not _contacts(asked)
+    assert asked.diagnosis.verdict != "explained"
+
+
+# -- boxes alone --------------------------------------------------------------------------------------------------
+DT, WINDOW = 0.01, 0.05
+
+#: A motion that never returns, and what a law of it may be made of.
+CLOCK = np.arange(2000) * DT
+STATES = np.column_stack([np.sin(0.7 * CLOCK), np.cos(1.9 * CLOCK), np.sin(3.1 * CLOCK + 1), CLOCK / 5])
+COLUMNS = np.column_stack([np.ones(2000), STATES[:, :3], np.sign(STATES[:, 1])])
+
+
+def _stretch(left: Array, states: Array = STATES) -> Stretch:
+    return Stretch(COLUMNS, left, np.ones(2000, bool), states)
+
+
+def _box(start: float, length: float) -> Array:
+    return ((start <= CLOCK) & (start + length > CLOCK)).astype(float)
+
+
+@given(
+    start=st.floats(1.0, 12.0), length=st.floats(0.8, 6.0), size=st.floats(0.5, 50.0), sign=st.sampled_from([-1.0, 1.0])
+)
+def test_a_box_above_the_noise_is_found_to_a_step(start: float, length: float, size: float, sign: float) -> None:
+    noise = 0.1 * np.random.default_rng(1).normal(size=2000)
+    law = COLUMNS @ np.array([1.0, -2.0, 0.5, 1.5, 0.7])
+    (found,) = boxes([_stretch(law + sign * size * _box(start, length) + noise)], DT, WINDOW)
+    ends = np.array([found.start, found.stop]) * DT
+    assert np.abs(ends - [start, start + length]).max() <= STEP + DT
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_however_it_is_coloured_is_no_box(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    white = rng.normal(size=2000)
+    slow = np.convolve(rng.normal(size=2400), np.exp(-np.arange(400) / 40.0))[400:2400]
+    for left in (white, slow, np.cumsum(white) / 20, white + 3 * np.sin(2.3 * CLOCK)):
+        assert boxes([_stretch(left)], DT, WINDOW) == []
+
+
+def test_what_comes_gradually_or_returns_with_the_motion_is_no_box() -> None:
+    noise = 0.05 * np.random.default_rng(4).normal(size=2000)
+    hill = np.exp(-0.5 * ((CLOCK - 8.0) / 0.8) ** 2)
+    assert boxes([_stretch(2 * hill + noise)], DT, WINDOW) == []
+    both = _box(3.0, 1.0) + _box(13.0, 1.0)
+    twice = [Interval(None, 300, 400), Interval(None, 1300, 1400)]
+    assert sorted(boxes([_stretch(both + noise)], DT, WINDOW), key=lambda i: i.start) == twice
+    # Control: the same where the motion repeats after 10 s.
+    again = np.column_stack([np.sin(2 * np.pi * CLOCK / 10), np.cos(2 * np.pi * CLOCK / 10)])
+    assert boxes([_stretch(both + noise, again)], DT, WINDOW) == []
+
+
+def test_boxes_at_the_same_time_of_every_run_are_one() -> None:
+    runs = [_stretch(_box(4.0, 2.0) + 0.3 * np.random.default_rng(s).normal(size=2000)) for s in (1, 2)]
+    turned = replace(runs[1], states=-runs[1].states[::-1])
+    (found,) = boxes([runs[0], turned], DT, WINDOW)
+    assert found.run is None
+    assert [found.start, found.stop] == pytest.approx([400, 600], abs=2)
