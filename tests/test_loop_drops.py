@@ -36,17 +36,13 @@ def test_what_is_not_there_is_dropped() -> None:
 
 
 def test_a_drop_that_a_refit_makes_worse_is_not_made_and_not_asked_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = searching.take
     refused = 0
 
-    def take(judge: Judge, current: Sequence[Term], trial: Sequence[Term], share: float = 1e-3) -> Judge | None:
+    def without(judge: Judge, current: Sequence[Term], rest: Sequence[Term], useless: Term) -> None:
         nonlocal refused
-        if len(trial) < len(current):
-            refused += 1
-            return None
-        return plain(judge, current, trial, share)
+        refused += 1
 
-    monkeypatch.setattr(searching, "take", take)
+    monkeypatch.setattr(searching, "without", without)
     actions, end = _actions()
     assert refused == 1
     assert "drop" not in actions

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Scope, Variable
+from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Scope, Settings, Variable
 
 
 class Declared:
@@ -29,6 +29,8 @@ class Declared:
     several: ClassVar[bool] = False
     #: Families that this one holds as a special case (:meth:`.Family.covers`): they go from its joint when it comes.
     contains: ClassVar[tuple[str, ...]] = ()
+    #: Settings at which what it has beyond them (its second coordinate) may hide from runs that show them alone.
+    rest_hides_at: ClassVar[Settings] = ()
     #: A body that may be put on and taken off: its mass is what a reader asks for.
     detachable: ClassVar[bool] = False
     #: Plain effects of the joints that it acts on: it is named for what it explains beside them, since a law that

@@ -20,6 +20,8 @@ from hybrid_dynamics.types import Array
 VELOCITY = "stribeck_velocity"
 #: Velocities [rad/s] the search starts from.
 _GRID = (0.03, 0.1, 0.3)
+#: A rise of friction below this velocity [rad/s] only slow motion shows: the slowest that is asked for (``shown_by``).
+_HIDES = 0.02
 
 
 @register
@@ -37,6 +39,7 @@ class StribeckFriction(Family):
     nonlinear_settings = (Refined(VELOCITY, 0.01, 1.0),)
     turns_sign = True
     contains = ("coulomb_friction",)
+    rest_hides_at = ((VELOCITY, _HIDES),)
     drawn_against = "dq"
     shown_by = "the joint moves slowly, between 0.02 and 0.2 rad/s, as well as fast"
     equivalent_to = (

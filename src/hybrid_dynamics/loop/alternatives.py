@@ -19,6 +19,7 @@ from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, SAME, Likeness, Plac
 from hybrid_dynamics.loop.prune import impossible
 from hybrid_dynamics.loop.scale import gain_instead
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
+from hybrid_dynamics.loop.unseen import MATTERS, unseen_beside
 from hybrid_dynamics.types import Array
 
 #: A rival must be able to make at least this share of the effect's torque by itself.
@@ -90,6 +91,7 @@ def indistinguishable(
             own = _declared(term, twin.effect)
             why = f"structurally the same: {own.why}"
             listed.insert(0, _as_declared(evidence, twin.effect, twin.joint, why, own))
+        listed += [e for e in _with_unseen_rest(judge, terms, term) if all(_key(e) != _key(other) for other in listed)]
         gain = gain_instead(judge, terms, x) if term.family().all_links else None
         # A gain that stands for these and others together is told already.
         if gain is not None and not any(_key(entry) == {(gain.effect,)} for entry in listed):
@@ -216,6 +218,17 @@ def _other_forms(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[s
         settings = ", ".join(f"{k}: {v}" for k, v in form.settings) or "as it is without settings"
         why = f"the same effect with another law ({settings}) leaves as little: {known.why}"
         out.append(_as_declared(judge.evidence, form.effect, form.joint, why, known))
+    return out
+
+
+def _with_unseen_rest(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[str, Any]]:
+    """Laws that have ``term`` and more, where these runs would not show the rest."""
+    out = []
+    for general in unseen_beside(judge, terms, term):
+        known = _declared(general, term.effect)
+        settings = ", ".join(f"{k}: {v:g}" for k, v in general.family().rest_hides_at)
+        why = f"{100 * MATTERS:g} % more than {term.effect} would not show in these runs ({settings}): {known.why}"
+        out.append(_as_declared(judge.evidence, general.effect, general.joint, why, known))
     return out
 
 

@@ -20,7 +20,7 @@ from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
 from hybrid_dynamics.loop.pairs import pair_on_a_joint
-from hybrid_dynamics.loop.trace import DECISIVE, PRACTICAL, Candidate, Judge, covers, joined, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers, joined, rank, same_place
 
 #: An effect that was dropped this often is left alone.
 MOST_DROPS = 2
@@ -114,7 +114,7 @@ def search(
         stays: set[Term] = set()
         while (useless := _useless(judge, current, stays)) is not None:
             rest = [s for s in current if s != useless]
-            taken = take(judge, current, rest, PRACTICAL)
+            taken = without(judge, current, rest, useless)
             if taken is None:
                 stays.add(useless)
                 continue
@@ -125,17 +125,28 @@ def search(
     return judge, steps
 
 
-def take(judge: Judge, current: Sequence[Term], trial: Sequence[Term], share: float = BROKEN_PROMISE) -> Judge | None:
-    """The judge at ``trial``; None where that does not keep, but for ``share``, what its tangent at ``current``
-    promised.
+def take(judge: Judge, current: Sequence[Term], trial: Sequence[Term]) -> Judge | None:
+    """The judge at ``trial``; None where that does not keep what its tangent at ``current`` promised.
 
-    Candidates are judged with every law linear where the model stands; the law as it is may end far from there. A drop
-    may, too: a gain follows the torque of all that is named, and without the friction that it multiplies it ran away.
+    Candidates are judged with every law linear where the model stands; the law as it is may end far from there.
     """
     limit = max(judge.evidence.held(terms, physical=True).score for terms in (current, trial))
     there = judge.at(trial)
-    kept = there.evidence.held(trial, physical=True).score <= (1 + share) * limit
+    kept = there.evidence.held(trial, physical=True).score <= (1 + BROKEN_PROMISE) * limit
     return there if kept else None
+
+
+def without(judge: Judge, current: Sequence[Term], rest: Sequence[Term], useless: Term) -> Judge | None:
+    """The judge at ``rest``, which are ``current`` but for ``useless``; None where a re-fit of them needs it all the
+    same.
+
+    A drop may end far from where its tangent promised, too: a gain follows the torque of all that is named, and
+    without the friction that it multiplies it ran away.
+    """
+    there = judge.at(rest)
+    held = there.evidence.held
+    loss = there.gain(held(current, physical=True), held(rest, physical=True))
+    return None if _needed(there, useless, loss) else there
 
 
 def better_settings(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
@@ -203,12 +214,15 @@ def _useless(judge: Judge, current: Sequence[Term], stays: Collection[Term]) -> 
         else:
             both = active or evidence.constrained(rest)
             loss = judge.gain(evidence.held(current, both) if both else full, evidence.held(rest, both))
-        needed = loss.surer_than(1.0) and judge.matters(
-            term, loss.per_joint, settings.keep_share, loss.surer_than(DECISIVE)
-        )
-        if not needed and (worst is None or loss.total < worst[0]):
+        if not _needed(judge, term, loss) and (worst is None or loss.total < worst[0]):
             worst = (loss.total, term)
     return None if worst is None else worst[1]
+
+
+def _needed(judge: Judge, term: Term, loss: Gain) -> bool:
+    """True where a ``loss`` of held-out error is a reason to keep ``term``."""
+    share = judge.settings.keep_share
+    return loss.surer_than(1.0) and judge.matters(term, loss.per_joint, share, loss.surer_than(DECISIVE))
 
 
 def _replace(
