@@ -309,3 +309,15 @@ def test_unusable_data_is_refused_by_name(robot: Robot) -> None:
         LeastSquares(robot, LeastSquaresSettings(filter_cutoff=0.01)).fit([good])
     with pytest.raises(HybridDynamicsError, match="not fitted"):
         LeastSquares(robot).predict(good)
+
+
+def test_the_scale_of_rotors_is_the_largest_mean_own_inertia(robot: Robot) -> None:
+    scale = LeastSquares(robot, LeastSquaresSettings())._armature_scale()
+    q = np.random.default_rng(LeastSquaresSettings().seed).uniform(-np.pi, np.pi, (64, 3))
+    still = np.zeros_like(q)
+    # What accelerates the other way takes gravity out.
+    own = [
+        np.mean([robot.inverse_dynamics(q, still, s * still + s * np.eye(3)[j])[:, j] * s / 2 for s in (1, -1)]) * 2
+        for j in range(3)
+    ]
+    np.testing.assert_allclose(scale, max(own), rtol=1e-9)

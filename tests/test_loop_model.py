@@ -3,7 +3,9 @@
 import json
 
 import jsonschema
+import numpy as np
 import pytest
+from tests.small_arm import arm
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import ConfigError, InputError
@@ -73,3 +75,14 @@ def test_the_schemas_that_results_are_checked_against_are_schemas(name):
     jsonschema.validators.validator_for(schema).check_schema(schema)
     with pytest.raises(jsonschema.ValidationError):
         check_schema({}, name)
+
+
+def test_how_friction_grows_with_the_load():
+    small = arm()
+    effect = Effect("load_dependent_friction", (small.joint_names[1],), {"load_coefficient": 0.12})
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.normal(size=(3, 50, 2))
+    expected = np.zeros((50, 2))
+    expected[:, 1] = 0.12 * np.sign(dq[:, 1]) * np.sign(small.inverse_dynamics(q, dq, ddq)[:, 1])
+    np.testing.assert_allclose(Model(small, (effect,)).load_derivative(q, dq, ddq), expected, atol=1e-6)
+    assert not Model(small).load_derivative(q, dq, ddq).any()

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.small_arm import arm
+from tests.small_arm import arm, noisy_log
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model, augment, prune
@@ -23,6 +23,7 @@ from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.find import Found, find
 from hybrid_dynamics.loop.further import at_the_end, further_candidates, simplify
 from hybrid_dynamics.loop.held import Held
+from hybrid_dynamics.loop.identifiability import inconsistent
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.prune import keep_sure
 from hybrid_dynamics.loop.trace import Gain, Judge, joined
@@ -302,3 +303,35 @@ def test_another_form_of_what_was_looked_for_is_asked_too() -> None:
     assert "own" not in {t.options.get("rows") for t in terms}
     found = find(judge, terms, lambda step: None).terms
     assert ("joint_coupling", 0, "own") in [(t.effect, t.joint, t.options.get("rows")) for t in found]
+
+
+def test_what_takes_a_little_of_much_is_not_plainly_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, terms = judged([Effect("viscous_friction", (SHOULDER,), {"viscous_coefficient": 1.0})])
+    friction = plain("viscous_friction", 0, terms)
+    judge = judge.at([friction])
+    assert judge.plainly_needed([friction], friction, 1.0, 1.0)
+    monkeypatch.setattr(Judge, "nibbles", lambda *_: True)
+    assert not judge.plainly_needed([friction], friction, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_parameter_that_differs_between_runs_is_told_where_it_matters_or_the_runs_were_found_to_differ(
+    told: bool,
+) -> None:
+    # Surely different, and less than a floor apart.
+    train = [
+        noisy_log([Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": c})], k, "train", 0.3)
+        for k, c in ((1, 0.5), (2, 0.6))
+    ]
+    settings = LoopSettings()
+    logs = read_motion(ROBOT, train, [], settings)
+    judge, terms, _ = gather(Model(ROBOT), logs, settings)
+    friction = plain("viscous_friction", 1, terms)
+    judge = judge.at([friction])
+    found = inconsistent(judge, [friction], judge.evidence.fit([friction]), [friction] if told else [])
+    if not told:
+        assert found == {}
+        return
+    (entry,) = found[friction]
+    values = [run["value"] for run in entry["runs"]]
+    assert values == pytest.approx([0.5, 0.6], abs=3 * max(run["std_error"] for run in entry["runs"]))

@@ -99,3 +99,16 @@ def test_unusable_positions_are_refused() -> None:
         reference_from_positions(np.zeros((3, 2)), 1e-3)
     with pytest.raises(InputError, match="shape"):
         Reference(np.zeros((5, 2)), np.zeros((5, 3)))
+
+
+@pytest.mark.parametrize(("rest", "ramp", "fits"), [(0.3, 1.5, True), (0.6, 1.5, False), (1.9, 0.2, False)])
+def test_a_reference_rests_and_rises_at_both_ends_or_is_refused(rest: float, ramp: float, fits: bool) -> None:
+    shape = ReferenceSettings(rest=rest, ramp=ramp)
+    if not fits:
+        with pytest.raises(ConfigError, match="do not fit twice into 3.998 s"):
+            multi_sine(PANDA, shape, 4.0, 2e-3, 1)
+        return
+    reference = multi_sine(PANDA, shape, 4.0, 2e-3, 1)
+    rows = round(rest / 2e-3)
+    np.testing.assert_array_equal(reference.dq[[*range(rows), *range(-rows, 0)]], 0.0)
+    assert np.abs(reference.dq[rows + 50]).max() > 0
