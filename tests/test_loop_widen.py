@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 from tests.test_loop_beside import ROBOT, SHOULDER, errors, judged, links
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links
-from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.trace import Gain, Judge
 from hybrid_dynamics.loop.widen import BELIEVED, beyond_belief, widened
+from hybrid_dynamics.types import Array
 
 
 def first_link(judge: Judge) -> list[Term]:
@@ -92,3 +97,40 @@ def test_several_bodies_that_stand_for_a_constant_give_way() -> None:
     judge, beside = beside_links(judge, [every])
     _, after = errors(judge, [every], beside, test)
     assert after < 0.9 * before
+
+
+def test_what_rounding_takes_away_speaks_for_no_model() -> None:
+    body = to_body(link_parameters(ROBOT, 0) * 6)
+    judge, (every,), _ = judged([Effect("link_inertia", (SHOULDER,), body)])
+    single = first_link(judge)
+    judge = judge.at(single).adding([every])
+    held = judge.evidence.held
+    new, old = held([every], physical=True), held(single, physical=True)
+    whole = judge.gain(new, old)
+    known = judge.news(new, old)
+    assert (known.total, known.error) == (whole.total, whole.error)
+    # Both joints have changed by less than their steps: nothing is known of either.
+    nothing = replace(judge, misfit=np.full(2, 1.1 * np.sqrt(np.abs(whole.per_joint).max()))).news(new, old)
+    assert (nothing.total, nothing.error) == (0.0, 0.0)
+    # One of them has: the other alone counts.
+    rounded = np.array([1.1 * np.sqrt(abs(whole.per_joint[0])), 0.0])
+    other = replace(judge, misfit=rounded).news(new, old)
+    expected = judge.gain(new, old, joints=np.array([False, True]))
+    assert other.total == expected.total
+    assert other.total != whole.total
+
+
+def test_links_that_only_follow_a_torque_rounded_to_nothing_replace_no_body(monkeypatch: pytest.MonkeyPatch) -> None:
+    body = to_body(link_parameters(ROBOT, 0) * 6)
+    judge, (every,), _ = judged([Effect("link_inertia", (SHOULDER,), body)])
+    single = first_link(judge)
+    monkeypatch.setattr(Judge, "gain", lambda *_, joints=None, **__: Gain(*_gain_of(joints)))
+    assert widened(judge, single)[1] == [every]
+    # Where the steps of the torque are as large, the gain is of none.
+    assert widened(replace(judge, misfit=np.ones(2)), single)[1] == single
+
+
+def _gain_of(joints: NDArray[np.bool_] | None) -> tuple[float, float, Array, int]:
+    """A gain that is sure, all of it on the second joint, of (.5 N m)^2."""
+    counts = joints is None or bool(joints[1])
+    return 1e5 * counts, 1.0, np.array([0.0, 0.25]), 10

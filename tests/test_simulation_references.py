@@ -105,7 +105,7 @@ def test_unusable_positions_are_refused() -> None:
 def test_a_reference_rests_and_rises_at_both_ends_or_is_refused(rest: float, ramp: float, fits: bool) -> None:
     shape = ReferenceSettings(rest=rest, ramp=ramp)
     if not fits:
-        with pytest.raises(ConfigError, match="do not fit twice into 3.998 s"):
+        with pytest.raises(ConfigError, match=r"do not fit twice into 3\.998 s"):
             multi_sine(PANDA, shape, 4.0, 2e-3, 1)
         return
     reference = multi_sine(PANDA, shape, 4.0, 2e-3, 1)

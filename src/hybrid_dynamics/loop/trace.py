@@ -116,21 +116,28 @@ class Judge:
         """The same over another ``evidence``."""
         return replace(self, evidence=evidence)
 
-    def gain(self, new: Held, old: Held, noise: Held | None = None) -> Gain:
+    def gain(self, new: Held, old: Held, noise: Held | None = None, joints: NDArray[np.bool_] | None = None) -> Gain:
         """Gain of ``new`` over ``old`` and its uncertainty, given the motion.
 
         With d the change of the prediction and e the new residual, the gain is sum(d^2 + 2 d e): given the motion and
         the fits only d e is random. Its block sums are clusters (Bester, Conley and Hansen 2011); blocks that
         remember each other are merged as long as enough are left.
         ``noise``: the held-out prediction whose residual stands for e, where a fuller model knows it better.
+        ``joints`` (n,): those that count, else all.
         """
-        weights = self.evidence.weights
+        weights = self.evidence.weights if joints is None else self.evidence.weights * joints
         left = new if noise is None else noise
         cross = self.evidence.change(left, old, new)
         gain = old.joint_errors - new.joint_errors
         error, blocks = block_error(cross @ weights, self.evidence.blocks.run)
         per_joint = gain / np.maximum(self.evidence.samples, 1)
         return Gain(float(gain @ weights), 2.0 * error, np.asarray(per_joint), blocks)
+
+    def news(self, new: Held, old: Held) -> Gain:
+        """:meth:`gain` on the joints where that is more than the starting model, or the recorded torque by its steps,
+        was off by: a torque that is rounded to nothing is fitted best by links that weigh nothing."""
+        whole = self.gain(new, old)
+        return self.gain(new, old, joints=np.abs(whole.per_joint) > self.misfit**2)
 
     def worth(self, terms: Sequence[Term], term: Term, noise: Held | None = None, physical: bool = True) -> Gain:
         """What ``term`` of ``terms`` gains over none, or over the plain effects of its joints that it could stand for,

@@ -55,7 +55,7 @@ def widened(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
     trial = joined(chosen, links[0])
     judge, beside = beside_links(judge.over(fitted.evidence), trial)
     together, evidence = [*trial, *beside], judge.evidence
-    gain = judge.gain(evidence.held(together, physical=True), evidence.held(chosen, physical=True))
+    gain = judge.news(evidence.held(together, physical=True), evidence.held(chosen, physical=True))
     there = take(judge, chosen, together) if gain.surer_than(0.0 if unbelieved else BETTER) else None
     return (judge, list(chosen)) if there is None else (there, trial)
 
@@ -81,7 +81,7 @@ def narrowed(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
     groups = [some for count in range(1, FEW + 1) for some in combinations(free, count)]
     held = {some: evidence.held([*rest, *some]) for some in groups if len({t.place for t in some}) == len(some)}
     best = min(held.values(), key=lambda h: h.score, default=None)
-    if best is None or judge.gain(limit, best).surer_than(BETTER):
+    if best is None or judge.news(limit, best).surer_than(BETTER):
         return judge.at(chosen), list(chosen)
     # Of those that do as well the cheapest first: a spring of two numbers before a link of ten that stands for it.
     near = [some for some, own in held.items() if own.score <= NEAR * best.score and judge.as_good(own, best)]
@@ -92,7 +92,7 @@ def narrowed(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
             continue
         there = there.adding(together)
         few, all_of_them = (there.evidence.held(terms, physical=True) for terms in (trial, together))
-        if there.spares(few, all_of_them) and not there.gain(all_of_them, few).surer_than(BETTER):
+        if there.spares(few, all_of_them) and not there.news(all_of_them, few).surer_than(BETTER):
             return there, trial
     return judge.at(chosen), list(chosen)
 
