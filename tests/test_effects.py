@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.small_arm import arm
 
 from hybrid_dynamics.effects import Effect, Motion, catalogue, family, predict, with_effects
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, is_physical, link_parameters, to_body, to_dynamic
@@ -298,3 +299,13 @@ def test_pages_of_the_catalogue_say_what_the_code_does():
         assert kind.equation
         assert kind.shown_by
         assert all(other in catalogue(everything=True) for e in kind.equivalent_to for other in e.effects)
+
+
+def test_the_error_of_a_parameter_is_told_in_shares_of_the_largest_of_its_unit() -> None:
+    kind = family("stribeck_friction")
+    true = Effect(kind.name, ("j",), {"coulomb_torque": 2.0, "static_torque": 4.0, "stribeck_velocity": 0.1})
+    found = Effect(kind.name, ("j",), {"coulomb_torque": 2.2, "static_torque": 3.0, "stribeck_velocity": 0.12})
+    error = kind.parameter_error(true, found, arm())
+    assert error == pytest.approx({"coulomb_torque": 0.05, "static_torque": 0.25, "stribeck_velocity": 0.2})
+    nothing = Effect("torque_offset", ("j",), {"offset": 0.0})
+    assert family("torque_offset").parameter_error(nothing, nothing, arm()) == {}

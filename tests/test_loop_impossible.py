@@ -6,15 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.small_arm import URDF
 from tests.test_loop_beside import ROBOT, SHOULDER, judged
 
 from hybrid_dynamics.effects import Effect, Term
-from hybrid_dynamics.effects.inertia import cannot_be, link_parameters, to_body
+from hybrid_dynamics.effects.inertia import cannot_be, link_parameters, pseudo_inertia_basis, to_body
 from hybrid_dynamics.loop import alternatives, prune
 from hybrid_dynamics.loop import find as find_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.search import Step
+from hybrid_dynamics.loop.solve import _TRIANGLE
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.robots import Robot
 
@@ -114,3 +117,12 @@ def test_every_body_of_one_link_is_measured() -> None:
     centre = Term("link_com", 0)
     (own,) = centre.family().inertial_changes(np.array([2 * MASS * REACH, 0.0, 0.0]), ROBOT, centre)
     assert cannot_be(ROBOT, own)
+
+
+@given(st.lists(st.floats(-3, 3), min_size=20, max_size=20))
+def test_a_body_in_the_solvers_triangle_has_the_products_of_its_matrix(numbers: list[float]) -> None:
+    # Clarabel's scaling: <svec A, svec B> = tr(A B). A wrong one lets bodies in that cannot be.
+    one, other = np.reshape(numbers, (2, 10))
+    basis = np.array(pseudo_inertia_basis())
+    matrices = [np.einsum("k,kij->ij", x, basis) for x in (one, other)]
+    assert (_TRIANGLE @ one) @ (_TRIANGLE @ other) == pytest.approx(np.trace(matrices[0] @ matrices[1]), abs=1e-9)

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.small_arm import arm, noisy_log
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.inertia import is_physical
@@ -213,3 +214,15 @@ def test_a_run_smoothed_piece_by_piece_is_the_run_smoothed_at_once(rate, panda, 
     assert len(pieces) > 1
     found = np.concatenate([run.smooth(run.motion.ddq[states]) for _, states in pieces])
     np.testing.assert_array_equal(found, run.ddq)
+
+
+def test_a_row_whose_window_holds_a_reversal_has_no_say():
+    run = process(noisy_log([], 3, "train", 0.0), arm(), ProcessSettings(slow_speed=0.0))
+    dq, time = run.motion.dq, run.motion.time
+    for joint in range(2):
+        at = np.flatnonzero(np.diff(np.sign(dq[:, joint])) != 0)
+        reversals = time[at] + (time[1] - time[0]) * dq[at, joint] / (dq[at, joint] - dq[at + 1, joint])
+        nearest = np.abs(run.time[:, None] - reversals).min(axis=1)
+        # The window's own half, to a sample of the log either way.
+        assert not run.mask[nearest < 0.5 / run.cutoff - 5e-3, joint].any()
+        assert run.mask[nearest > 0.5 / run.cutoff + 5e-3, joint].all()
