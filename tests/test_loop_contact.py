@@ -86,6 +86,18 @@ def test_a_push_in_every_training_run_but_in_no_test_run_is_told_run_by_run() ->
         _is_the_push(contact)
 
 
+def test_runs_of_different_rates_are_scanned_each_at_its_own() -> None:
+    (first, second), test = _logs("train_1", "train_2", "test_51")
+    every_third = np.arange(0, len(second.time), 3)
+    thin = replace(
+        second, time=second.time[every_third], signals={k: v[every_third] for k, v in second.signals.items()}
+    )
+    contacts = _contacts(close_loop(ROBOT, [first, thin], test, LAWS))
+    assert {c.settings.get("only_run", "every") for c in contacts} in ({"every"}, {"train_1", "train_2"})
+    for contact in contacts:
+        _is_the_push(contact)
+
+
 def test_a_push_in_a_test_run_is_told_with_its_time() -> None:
     result = close_loop(ROBOT, *_logs("test_51"), LAWS)
     assert not _contacts(result)

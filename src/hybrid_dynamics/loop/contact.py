@@ -56,15 +56,21 @@ def without_contacts(evidence: Evidence) -> tuple[Evidence, list[Contact]]:
     if wanted(evidence.settings) is None:
         return evidence, []
     found: list[Contact] = []
-    first, states = evidence.runs[0], _states(evidence.runs)
+    states, alike = _states(evidence.runs), _of_one_rate(evidence.runs)
     for joint, rows in rich_rows(evidence, evidence.problem.base_target):
         parts = [
             Stretch(r[:, :-1], r[:, -1], m[:, joint], s) for r, m, s in zip(rows, evidence.mask, states, strict=True)
         ]
-        found += [Contact(joint, i) for i in boxes(parts, _dt(first), 1.0 / first.cutoff)]
+        for own in alike:
+            first = evidence.runs[own[0]]
+            for i in boxes([parts[r] for r in own], _dt(first), 1.0 / first.cutoff):
+                # Rows of one time in every run, where all have the same rate.
+                every = i.run is None and len(own) == len(parts)
+                among = own if i.run is None else [own[i.run]]
+                found += [Contact(joint, replace(i, run=r)) for r in ([None] if every else among)]
     for contact in found:
-        reach = max(round((_PAD + 0.5 / first.cutoff) / _dt(first)), 1)
         for r in _runs(contact.interval, len(evidence.runs)):
+            reach = max(round((_PAD + 0.5 / evidence.runs[r].cutoff) / _dt(evidence.runs[r])), 1)
             rows_of_it = slice(max(contact.interval.start - reach, 0), contact.interval.stop + reach)
             evidence = evidence.leave_out(r, rows_of_it, contact.joint)
     return evidence, found
@@ -83,16 +89,17 @@ def named(
         j, joint = contact.joint, model.robot.joint_names[contact.joint]
         own_left, counts = [e[:, j] for e in left], [m[:, j] for m in mask]
         own = _runs(contact.interval, len(runs))
-        at = _sharpened([left[r][:, j] for r in own], [runs[r].mask[:, j] for r in own], contact.interval, _dt(runs[0]))
+        first = runs[own[0]]
+        at = _sharpened([left[r][:, j] for r in own], [runs[r].mask[:, j] for r in own], contact.interval, _dt(first))
         inside = [left[r][at.start : at.stop, j][runs[r].mask[at.start : at.stop, j]] for r in own]
         height = float(np.mean(np.concatenate(inside)))
         rows = at.stop - at.start
         others = _elsewhere(own_left, counts, rows)
-        error = _spread(others, own_left, counts, rows, runs[0]) / np.sqrt(len(own))
+        error = _spread(others, own_left, counts, rows, first) / np.sqrt(len(own))
         least = max(SURE * error, BEYOND * max(map(abs, others), default=0.0))
-        if rows * _dt(runs[0]) < SHORTEST or abs(height) <= least:
+        if rows * _dt(first) < SHORTEST or abs(height) <= least:
             continue
-        times = tuple(_since(runs[own[0]], row) for row in (at.start, at.stop))
+        times = tuple(_since(first, row) for row in (at.start, at.stop))
         only = {} if contact.interval.run is None else {ONLY_RUN: runs[contact.interval.run].name}
         (parameter,) = (p.name for p in family(name).parameters)
         out.append(Effect(name, (joint,), {parameter: height}, {INTERVALS: (times,), **only}, {parameter: error}))
@@ -150,6 +157,18 @@ def _since(run: Run, row: int) -> float:
 
 def _runs(interval: Interval, number: int) -> list[int]:
     return list(range(number)) if interval.run is None else [interval.run]
+
+
+def _of_one_rate(runs: Sequence[Run]) -> list[list[int]]:
+    """Numbers of the runs that have their rows equally far apart."""
+    out: list[list[int]] = []
+    for r, run in enumerate(runs):
+        own = next((g for g in out if abs(_dt(runs[g[0]]) / _dt(run) - 1.0) < 1e-3), None)
+        if own is None:
+            out.append([r])
+        else:
+            own.append(r)
+    return out
 
 
 def _dt(run: Run) -> float:
