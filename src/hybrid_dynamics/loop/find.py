@@ -182,9 +182,10 @@ def with_contacts(found: Found, logs: Logs) -> Found:
     contacts: list[Effect] = []
     for contact in judge.contacts:
         alike = named_contacts(model, evidence.runs, evidence.mask, [contact], name)
-        apart = run_by_run(contact, len(evidence.runs))
-        more = named_contacts(model, evidence.runs, evidence.mask, apart, name)
-        contacts += more if worse_with(model, alike, logs.test) else alike
+        if worse_with(model, alike, logs.test):
+            apart = run_by_run(contact, len(evidence.runs))
+            alike = named_contacts(model, evidence.runs, evidence.mask, apart, name)
+        contacts += alike
     return replace(found, contacts=contacts)
 
 

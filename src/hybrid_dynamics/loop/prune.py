@@ -259,6 +259,6 @@ def _idle(judge: Judge, current: Sequence[Term], share: float) -> list[tuple[flo
         if active and judge.plainly_needed(current, term, DECISIVE, share):
             continue
         loss = judge.worth(current, term)
-        if not (loss.surer_than(1.0) and judge.matters(term, loss.per_joint, share, loss.surer_than(DECISIVE))):
+        if not judge.needs(term, loss, share):
             idle.append((loss.total, term))
     return sorted(idle, key=lambda item: (item[0], repr(item[1])))

@@ -20,7 +20,7 @@ from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
 from hybrid_dynamics.loop.pairs import pair_on_a_joint
-from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Gain, Judge, covers, joined, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Judge, covers, joined, rank, same_place
 
 #: An effect that was dropped this often is left alone.
 MOST_DROPS = 2
@@ -146,7 +146,7 @@ def without(judge: Judge, current: Sequence[Term], rest: Sequence[Term], useless
     there = judge.at(rest)
     held = there.evidence.held
     loss = there.gain(held(current, physical=True), held(rest, physical=True))
-    return None if _needed(there, useless, loss) else there
+    return None if there.needs(useless, loss, judge.settings.keep_share) else there
 
 
 def better_settings(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> list[Term]:
@@ -214,15 +214,9 @@ def _useless(judge: Judge, current: Sequence[Term], stays: Collection[Term]) -> 
         else:
             both = active or evidence.constrained(rest)
             loss = judge.gain(evidence.held(current, both) if both else full, evidence.held(rest, both))
-        if not _needed(judge, term, loss) and (worst is None or loss.total < worst[0]):
+        if not judge.needs(term, loss, settings.keep_share) and (worst is None or loss.total < worst[0]):
             worst = (loss.total, term)
     return None if worst is None else worst[1]
-
-
-def _needed(judge: Judge, term: Term, loss: Gain) -> bool:
-    """True where a ``loss`` of held-out error is a reason to keep ``term``."""
-    share = judge.settings.keep_share
-    return loss.surer_than(1.0) and judge.matters(term, loss.per_joint, share, loss.surer_than(DECISIVE))
 
 
 def _replace(

@@ -139,6 +139,11 @@ class Judge:
         whole = self.gain(new, old)
         return self.gain(new, old, joints=np.abs(whole.per_joint) > self.misfit**2)
 
+    def needs(self, term: Term, loss: Gain, share: float) -> bool:
+        """True where a ``loss`` of held-out error is a reason to keep ``term``: sure, and of practical size (``share``
+        of the floor)."""
+        return loss.surer_than(1.0) and self.matters(term, loss.per_joint, share, loss.surer_than(DECISIVE))
+
     def worth(self, terms: Sequence[Term], term: Term, noise: Held | None = None, physical: bool = True) -> Gain:
         """What ``term`` of ``terms`` gains over none, or over the plain effects of its joints that it could stand for,
         whichever is less; ``physical``: of fits with bodies and friction held so."""
