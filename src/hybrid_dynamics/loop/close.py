@@ -17,6 +17,7 @@ from hybrid_dynamics.loop.confirm import confirm
 from hybrid_dynamics.loop.contact import pushed_in_tests
 from hybrid_dynamics.loop.describe import describe_result
 from hybrid_dynamics.loop.diagnosis import Diagnosis, predict_run
+from hybrid_dynamics.loop.everything import better_with_everything
 from hybrid_dynamics.loop.find import Found, find, with_contacts
 from hybrid_dynamics.loop.floor import Floor, examine
 from hybrid_dynamics.loop.model import Model
@@ -124,6 +125,8 @@ def _close(
 
     progress(0.9, "describing what is left")
     notes = [*plausible.notes, *logs.notes, *searched.notes, *found.notes, *pushed_in_tests(full, logs.test, settings)]
+    if not found.inconsistent:  # else the evidence is of effects with parameters for every run
+        notes += better_with_everything(judge, terms, said.model, logs.test)
     diagnosis, models = describe_result(judge, base, terms, found, full, said, floor, carried, logs, notes)
     after = diagnosis.error_moving["test"].after_confirmed
     assert after is not None

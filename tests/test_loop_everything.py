@@ -1,0 +1,60 @@
+"""A fit of everything at once that predicts the test runs much better says that names are missing, and where."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from tests.small_arm import arm, noisy_log
+from tests.test_loop_beside import links
+
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop.everything import better_with_everything
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.trace import Judge
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+HIDDEN = (
+    links(0.15),
+    Effect("viscous_friction", (SHOULDER,), {"viscous_coefficient": 1.0}),
+    Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 1.0}),
+)
+
+
+def _asked(hidden: tuple[Effect, ...] = HIDDEN, **settings: object) -> tuple[Judge, list[Term], list[Run]]:
+    train = [noisy_log(list(hidden), k, "train", 0.1) for k in (1, 2)]
+    logs = read_motion(ROBOT, train, [noisy_log(list(hidden), 3, "test", 0.1)], replace(LoopSettings(), **settings))
+    judge, terms, _ = gather(Model(ROBOT), logs, replace(LoopSettings(), **settings))
+    return judge, terms, logs.test
+
+
+def test_where_names_are_missing_it_is_said() -> None:
+    judge, terms, test = _asked()
+    (note,) = better_with_everything(judge, terms, Model(ROBOT), test)
+    assert SHOULDER in note
+    assert "effects are missing" in note
+
+
+def test_only_the_joint_is_told_that_lacks_something() -> None:
+    friction = HIDDEN[1:]
+    judge, terms, test = _asked(friction)
+    (note,) = better_with_everything(judge, terms, Model(ROBOT), test)
+    assert SHOULDER in note
+    assert ELBOW not in note
+
+
+@pytest.mark.parametrize("hidden", [HIDDEN[1:], ()])
+def test_the_true_model_is_not_beaten(hidden: tuple[Effect, ...]) -> None:
+    judge, terms, test = _asked(hidden)
+    assert better_with_everything(judge, terms, Model(ROBOT, hidden), test) == []
+
+
+def test_nothing_is_asked_where_links_are_in_or_not_asked_for() -> None:
+    judge, terms, test = _asked()
+    # Friction is missing, but nobody could say that the links had not been given their chance.
+    assert better_with_everything(judge, terms, Model(ROBOT, HIDDEN[:1]), test) == []
+    judge, terms, test = _asked(effects=("viscous_friction", "torque_offset"))
+    assert better_with_everything(judge, terms, Model(ROBOT), test) == []
