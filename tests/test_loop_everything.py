@@ -24,9 +24,11 @@ HIDDEN = (
 )
 
 
-def _asked(hidden: tuple[Effect, ...] = HIDDEN, **settings: object) -> tuple[Judge, list[Term], list[Run]]:
-    train = [noisy_log(list(hidden), k, "train", 0.1) for k in (1, 2)]
-    logs = read_motion(ROBOT, train, [noisy_log(list(hidden), 3, "test", 0.1)], replace(LoopSettings(), **settings))
+def _asked(
+    hidden: tuple[Effect, ...] = HIDDEN, noise: float = 0.1, **settings: object
+) -> tuple[Judge, list[Term], list[Run]]:
+    train = [noisy_log(list(hidden), k, "train", noise) for k in (1, 2)]
+    logs = read_motion(ROBOT, train, [noisy_log(list(hidden), 3, "test", noise)], replace(LoopSettings(), **settings))
     judge, terms, _ = gather(Model(ROBOT), logs, replace(LoopSettings(), **settings))
     return judge, terms, logs.test
 
@@ -50,6 +52,13 @@ def test_only_the_joint_is_told_that_lacks_something() -> None:
 def test_the_true_model_is_not_beaten(hidden: tuple[Effect, ...]) -> None:
     judge, terms, test = _asked(hidden)
     assert better_with_everything(judge, terms, Model(ROBOT, hidden), test) == []
+
+
+@pytest.mark.parametrize(("off", "told"), [(1.002, False), (1.5, True)])
+def test_what_is_much_better_in_the_last_digits_only_is_not_told(off: float, told: bool) -> None:
+    viscous = Effect("viscous_friction", (SHOULDER,), {"viscous_coefficient": off})
+    judge, terms, test = _asked(HIDDEN[1:], noise=1e-5)
+    assert bool(better_with_everything(judge, terms, Model(ROBOT, (viscous, HIDDEN[2])), test)) is told
 
 
 def test_nothing_is_asked_where_links_are_in_or_not_asked_for() -> None:

@@ -21,6 +21,9 @@ from hybrid_dynamics.loop.trace import Judge, difference_error
 
 #: Worth a word is what at least halves a joint's mean square.
 MUCH = 2.0
+#: What is left (rms) is worth a word from this share of the joint's torque on: simulations without noise leave less,
+#: and no drive's torque is known better.
+WORTH = 0.01
 
 
 def better_with_everything(judge: Judge, candidates: Sequence[Term], model: Model, tests: Sequence[Run]) -> list[str]:
@@ -39,6 +42,7 @@ def better_with_everything(judge: Judge, candidates: Sequence[Term], model: Mode
     rival = model_of(there.evidence, [*terms, *beside], False)
     ours, theirs = ([(run.tau - predict_run(m, run)) * run.mask for run in tests] for m in (model, rival))
     times = [run.time for run in tests]
+    torque = np.sum([np.sum((run.tau * run.mask) ** 2, axis=0) for run in tests], axis=0)
     names = []
     for j, joint in enumerate(model.robot.joint_names):
         one, other = ([e[:, [j]] for e in part] for part in (ours, theirs))
@@ -46,7 +50,7 @@ def better_with_everything(judge: Judge, candidates: Sequence[Term], model: Mode
         spread, blocks = difference_error(one, other, times, judge.settings.block, np.ones(1))
         chance = judge.settings.confirmation / len(model.robot.joint_names)
         level = float(student.ppf(1.0 - chance, max(blocks - 1, 1)))
-        if large > MUCH * small and large - small > level * spread:
+        if large > WORTH**2 * torque[j] and large > MUCH * small and large - small > level * spread:
             names.append(f"{joint} ({large / max(small, 1e-300):.2g} times)")
     if not names:
         return []
