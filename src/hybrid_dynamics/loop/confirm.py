@@ -38,8 +38,19 @@ def test_change(judge: Judge, tests: Sequence[Run], full: Model, without: Model,
 
     ``names``: how many are asked; of so many, one is contradicted by chance no more often than a single one would be.
     """
-    weights = judge.evidence.weights
-    new, old = ([(run.tau - predict_run(m, run)) * run.mask for run in tests] for m in (full, without))
+    new, old = (moving_errors(m, tests) for m in (full, without))
+    return change_of(judge, new, old, tests, judge.evidence.weights, names)
+
+
+def moving_errors(model: Model, runs: Sequence[Run]) -> list[Array]:
+    """What ``model`` leaves of the torque (K, n) [N m] of every run; 0 in rows in which the joint does not move."""
+    return [(run.tau - predict_run(model, run)) * run.mask for run in runs]
+
+
+def change_of(
+    judge: Judge, new: Sequence[Array], old: Sequence[Array], tests: Sequence[Run], weights: Array, names: int
+) -> TestChange:
+    """:func:`test_change` between what two models leave of ``tests``, the joints weighed by ``weights`` (n,)."""
     after, before = (np.sum([np.sum(e**2, axis=0) for e in part], axis=0) for part in (new, old))
     change, size = float((after - before) @ weights), max(float(before @ weights), 1e-300)
     spread, blocks = difference_error(new, old, [run.time for run in tests], judge.settings.block, weights)

@@ -27,6 +27,15 @@ FEWEST_COMMON = 3
 BOUND = 1e-6
 
 
+def on_every_joint(candidates: Sequence[Term]) -> list[Term]:
+    """Of ``candidates`` what every joint of a real arm has: one term, the first, of every effect and joint."""
+    places: dict[tuple[str, int | None], Term] = {}
+    for term in candidates:
+        if term.family().scope == "joint" and term.family().everywhere:
+            places.setdefault((term.effect, term.joint), term)
+    return list(places.values())
+
+
 def from_everything(
     judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None]
 ) -> tuple[Judge, list[Step]]:
@@ -36,13 +45,9 @@ def from_everything(
     No steps where nothing acts on a single joint. Ends: bodies are only added, at most each once; then effects are only
     dropped.
     """
-    places: dict[tuple[str, int | None], Term] = {}
-    for term in candidates:
-        if term.family().scope == "joint" and term.family().everywhere:
-            places.setdefault((term.effect, term.joint), term)
-    if not places:
+    current = on_every_joint(candidates)
+    if not current:
         return judge, []
-    current = list(places.values())
     judge = judge.at(current)
     current = better_settings(judge, current, candidates)
     steps = [step_of(judge, "start", None, current)]
