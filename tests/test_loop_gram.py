@@ -78,3 +78,17 @@ def test_sums_of_folds_leave_out_what_borders_on_a_fold_and_follow_columns_that_
         check(second, dense)
     check(second, changed)
     check(first, dense)
+
+
+def test_what_the_other_blocks_do_not_hold_is_exactly_nothing_there(dense):
+    # One direction of a joint, a push: seen in two blocks, one a fold's last, one the next one's first. As a
+    # difference of sums its square would be what rounding leaves, which may be less than nothing.
+    blocks = Blocks(np.zeros(BLOCKS, int), ((0, 0),) * BLOCKS)
+    folds = Folds(blocks, 3, np.array([0, 0, 1, 1, 2]))
+    once = dense.copy()
+    once[[0, 3, 4]] = 0.0
+    (others,) = FoldSums.of([BlockGrams.of(once)], folds).others
+    np.testing.assert_array_equal(others[:2], 0.0)
+    np.testing.assert_allclose(others[2], once[1] + once[2], rtol=1e-12)
+    # Control: such differences are not nothing.
+    assert np.any(once[1] + once[2] - once[1] - once[2])

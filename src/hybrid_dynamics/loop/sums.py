@@ -23,7 +23,7 @@ class FoldSums:
     full: tuple[Array, ...]
     own: tuple[Array, ...]
     others: tuple[Array, ...]
-    #: Folds, and what borders on them, times blocks (2 folds, blocks): one product sums them all.
+    #: Folds, and what each is predicted from, times blocks (2 folds, blocks): one product sums them all.
     _chosen: Array
 
     @classmethod
@@ -32,7 +32,9 @@ class FoldSums:
         chosen = np.zeros((2 * folds.number, len(folds.blocks)))
         for f, (own, edge) in enumerate(zip(folds.own, folds.edges, strict=True)):
             chosen[f, own] = 1.0
-            chosen[folds.number + f, edge] = 1.0
+            # Summed, not what is left of all blocks: of a column that is elsewhere nothing that may be below zero.
+            chosen[folds.number + f] = 1.0
+            chosen[folds.number + f, [*own, *edge]] = 0.0
         none = (np.empty(0),) * len(grams)
         return cls(none, none, none, chosen).renewed(grams, dict.fromkeys(range(len(grams))))
 
@@ -52,7 +54,5 @@ class FoldSums:
 
     def _parts(self, sums: Array) -> tuple[Array, Array, Array]:
         """All blocks, those of each fold, and those that it is predicted from; ``sums`` of what is chosen."""
-        folds = len(self._chosen) // 2
-        own, edge = sums[:folds], sums[folds:]
-        full = own.sum(axis=0)
-        return full, own, full - own - edge
+        own, others = np.split(sums, 2)
+        return own.sum(axis=0), own, others
