@@ -81,17 +81,20 @@ def test_a_search_may_be_told_to_add_only(monkeypatch: pytest.MonkeyPatch, repla
     assert bool(tried) is replacing
 
 
-def test_plain_friction_that_held_out_rows_surely_miss_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("size", "sure"), [(2.0, True), (0.5, True), (0.5, False)])
+def test_friction_that_held_out_rows_surely_miss_stays(
+    monkeypatch: pytest.MonkeyPatch, size: float, sure: bool
+) -> None:
     friction = Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.4})
     judge, terms = judged([friction])
     plainest = [t for t in terms if t.family().everywhere and not t.settings]
-    # No coefficient by itself is as sure as all joints ask for.
-    monkeypatch.setattr(prune, "in_errors", lambda judge, current, x: dict.fromkeys(current, 2.0))
-    _, kept = prune.without_noise(judge, plainest, sure=True)
+    # No coefficient by itself is as sure as all joints ask for, or is one at all.
+    monkeypatch.setattr(prune, "in_errors", lambda judge, current, x: dict.fromkeys(current, size))
+    _, kept = prune.without_noise(judge, plainest, sure)
     assert [(t.effect, t.joint) for t in kept] == [("viscous_friction", 1)]
     # Control: what the held-out rows do not miss goes, however it was called.
     other, _ = judged([])
-    assert prune.without_noise(other, plainest, sure=True)[1] == []
+    assert prune.without_noise(other, plainest, sure)[1] == []
 
 
 def test_offsets_on_many_joints_are_given_back_to_the_one_wrong_zero_behind_them() -> None:
