@@ -48,7 +48,8 @@ FROM_JOINT = "from_joint"
 ONLY_RUN = "only_run"
 #: Setting of an effect that acts for a while only: pairs (start, end) [s since the run began].
 INTERVALS = "intervals"
-#: Setting of an effect that is estimated beside others and is no finding: the size [N m] that it is expected within.
+#: Setting of an effect that is estimated beside others and is no finding: the size that its parameter is expected
+#: within.
 HELD = "held_within"
 
 
@@ -103,6 +104,11 @@ class Term:
         """The settings as a dictionary."""
         return dict(self.settings)
 
+    def prior_scale(self, robot: Robot) -> Array:
+        """(size,) what its coordinates may plausibly be: the family's, or within what it is :data:`HELD`."""
+        held = self.options.get(HELD)
+        return self.family().prior_scale(robot, self) if held is None else np.full(self.size, float(held))
+
     def refined(self, **values: float) -> Term:
         """The same place with other values of nonlinear parameters."""
         known = {r.name for r in self.family().refined_at(self)}
@@ -132,7 +138,7 @@ class Effect:
         nonlinear = {r.name for r in known.nonlinear_settings}
         settings = {k: hashable(v) for k, v in self.settings.items() if k not in nonlinear}
         object.__setattr__(self, "settings", settings)
-        check_settings(self.effect, settings, (*known.known_settings, ONLY_RUN))
+        check_settings(self.effect, settings, (*known.known_settings, ONLY_RUN, HELD))
         names = known.published(settings)
         if sorted(self.parameters) != sorted(names):
             raise InputError(

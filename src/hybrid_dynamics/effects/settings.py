@@ -85,7 +85,7 @@ def _one_of(*words: str) -> tuple[Check, str]:
 KINDS: Mapping[str, tuple[Check, str]] = {
     "sign_width": (_not_negative, "a speed >= 0 rad/s"),
     "sign_displacement": (_positive, "a distance > 0 rad"),
-    "held_within": (_positive, "a torque > 0 N m"),
+    "held_within": (_positive, "a number > 0"),
     "only_run": (_text, "the name of a run"),
     "from_joint": (_text, "the name of a joint"),
     "rows": _one_of("own", "both"),

@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
-from hybrid_dynamics.effects.base import HELD, Family, Term, register
+from hybrid_dynamics.effects.base import Family, register
 from hybrid_dynamics.effects.state import Equivalence, Parameter, State
-from hybrid_dynamics.robots import Robot
-from hybrid_dynamics.types import Array
 
 
 @register
@@ -19,7 +15,6 @@ class TorqueOffset(Family):
     scope = "joint"
     everywhere = True
     like_weight = True
-    known_settings = (HELD,)
     equation = r"\tau = b"
     parameters = (Parameter("offset", "N m"),)
     drawn_against = "time"
@@ -42,7 +37,3 @@ class TorqueOffset(Family):
 
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         return parameters["offset"]
-
-    def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
-        held = None if term is None else term.options.get(HELD)
-        return super().prior_scale(robot, term) if held is None else np.array([float(held)])

@@ -1,20 +1,26 @@
-"""What is estimated beside all links and not named: the constant torque of joints, which can look like weight.
+"""What is estimated beside the names and is no name: the constant torque of joints beside all links, which can look
+like weight, and friction, offset and armature that a log hints at and cannot prove.
 
 In few poses the weight of links makes a constant torque as well as an offset does. Left out, all of it goes into the
 links, and other poses are predicted wrongly; least squares, which fits both, shares it between them. So do we: but what
 the data cannot tell from weight is no finding, and is held near zero (ridge regression: Hoerl and Kennard 1970).
+
+A few seconds show a little of the friction of every joint, and none of it as surely as a name asks for. A name that is
+wrong is worse than none; a prediction without friction is worse than one with a guess of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
-from hybrid_dynamics.loop.trace import Judge, has_family
+from hybrid_dynamics.loop.prune import on_every_joint
+from hybrid_dynamics.loop.trace import ACCEPTED, Judge, has_family
 
 #: Size that such a torque is expected within, as a share of the root mean square of the joint's torque.
 EXPECTED = 0.1
@@ -26,21 +32,54 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
 
     None where the links of the robot are not identified together.
     """
-    evidence = judge.evidence
     if not wanted(chosen):
         return judge, []
-    size = np.sqrt(np.mean(np.concatenate([run.tau for run in evidence.runs]) ** 2, axis=0))
-    moving = np.flatnonzero((evidence.samples >= FEWEST_ROWS) & (size > 0))
-    terms = [
-        Term(name, int(j), ((HELD, float(f"{EXPECTED * size[j]:.3g}")),))
-        for name in judge.settings.families
-        if family(name).like_weight
-        for j in moving
-        if not has_family(chosen, name, int(j))
-    ]
-    return judge.adding(terms), terms
+    moving = np.flatnonzero(judge.evidence.samples >= FEWEST_ROWS)
+    names = [name for name in judge.settings.families if family(name).like_weight]
+    alike = [Term(name, int(j)) for name in names for j in moving if not has_family(chosen, name, int(j))]
+    return _held(judge, alike)
+
+
+def beside_names(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """Of friction, offset and armature what ``model`` lacks and held-out rows miss, too little to be named, on joints
+    on which something is left to find; and the judge who has their columns. None where nothing is named.
+
+    Every joint by itself, the best first, each by the rule by which a search takes it.
+    """
+    current = list(model)
+    if not current:
+        return judge, []
+    for joint in np.flatnonzero(judge.above_floor(judge.evidence.held(current, physical=True))):
+        plain = [t for t in on_every_joint(candidates) if t.joint == joint]
+        judge, free = _held(judge, [t for t in plain if not has_family(current, t.effect, int(joint))])
+        while free:
+            held = judge.evidence.held
+            best = min(free, key=lambda t: (held([*current, t]).score, repr(t)))
+            after = held([*current, best], physical=True)
+            if judge.reason(best, judge.gain(after, held(current, physical=True)), after) != ACCEPTED:
+                break
+            current.append(best)
+            free.remove(best)
+    return judge, current[len(model) :]
 
 
 def wanted(chosen: Sequence[Term]) -> bool:
-    """True where ``chosen`` holds the links that these terms are estimated beside."""
+    """True where ``chosen`` holds the links that constant torques are estimated beside."""
     return any(t.family().all_links for t in chosen)
+
+
+def _held(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``terms`` of one coefficient, held within what makes :data:`EXPECTED` of their joint's torque; and the judge who
+    has their columns. None of a joint without torque."""
+    judge = judge.adding(terms)
+    evidence = judge.evidence
+    size = np.sqrt(np.mean(np.concatenate([run.tau for run in evidence.runs]) ** 2, axis=0))
+    out = []
+    for term in terms:
+        joint = term.index
+        _, column = evidence.indices(evidence.layout([term]))[joint]
+        square = float(evidence.sums.full[joint][column[0], column[0]]) / max(float(evidence.samples[joint]), 1.0)
+        if size[joint] > 0 and square > 0:
+            within = float(f"{EXPECTED * size[joint] / np.sqrt(square):.3g}")
+            out.append(replace(term, settings=tuple(sorted([*term.settings, (HELD, within)]))))
+    return judge.adding(out), out

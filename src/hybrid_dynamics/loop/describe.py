@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.together import added_up
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.loop.alternatives import indistinguishable
@@ -81,7 +81,9 @@ def describe_result(
                 "test_change": _relative(rms[k], rms[k + 1]),
             }
         )
-    lines += _beside(said.model.effects[len(base.effects) :], robot.prismatic)
+    unsure, alike = _beside(said.model.effects[len(base.effects) :])
+    lines += _estimated("beside all links, which can look the same", alike, robot.prismatic)
+    lines += _estimated("since held-out rows miss it, too unsure to be named", unsure, robot.prismatic)
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
         lines.append(
@@ -98,7 +100,7 @@ def describe_result(
         "schema": 2,
         "robot": robot.name,
         "joints": list(robot.joint_names),
-        "verdict": verdict_of(any(e["confirmed"] for e in entries), explained),
+        "verdict": verdict_of(any(e["confirmed"] for e in entries), explained & (not unsure)),
         "effects": entries,
         "error": _errors(base, full, said.model, logs, False),
         "error_moving": _errors(base, full, said.model, logs, True),
@@ -186,15 +188,21 @@ def _why_not(
     return f"the test runs are predicted better without it ({100 * change.relative:+.1f} % mean square error)"
 
 
-def _beside(added: Sequence[Effect], slides: Sequence[str]) -> list[str]:
-    """What is estimated beside all links and is no finding, in one line."""
+def _beside(added: Sequence[Effect]) -> tuple[list[Effect], list[Effect]]:
+    """Of what is no finding, what is too unsure to be named, and what the links, if these are named, can look like."""
+    links = any(family(e.effect).all_links for e in added)
+    alike = [e for e in added if not e.is_finding and links and family(e.effect).like_weight]
+    return [e for e in added if not e.is_finding and e not in alike], alike
+
+
+def _estimated(why: str, effects: Sequence[Effect], slides: Sequence[str]) -> list[str]:
+    """``effects`` that are no finding, in one line."""
     told = [
         f"{e.effect} of {e.joints[0]} {value:.3g} +- {e.std_errors[name]:.2g} {unit_of(e, name, slides)}"
-        for e in added
-        if not e.is_finding
+        for e in effects
         for name, value in e.parameters.items()
     ]
-    return [f"estimated beside all links, which can look the same, and no finding: {'; '.join(told)}"] if told else []
+    return [f"estimated {why}, and no finding: {'; '.join(told)}"] if told else []
 
 
 def _in_all(base: Model, effect: Effect) -> dict[str, dict[str, float]]:

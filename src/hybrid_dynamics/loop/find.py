@@ -9,7 +9,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
-from hybrid_dynamics.loop.beside import beside_links, wanted
+from hybrid_dynamics.loop.beside import beside_links, beside_names, wanted
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.contact import named as named_contacts
 from hybrid_dynamics.loop.contact import run_by_run, worse_with
@@ -27,12 +27,10 @@ from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, choose_signs, search
 from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.tangents import published_covariance
-from hybrid_dynamics.loop.trace import Judge, same_place
+from hybrid_dynamics.loop.trace import LEFT, Judge, same_place
 from hybrid_dynamics.loop.widen import narrowed, widened
 from hybrid_dynamics.types import Array
 
-#: A joint whose held-out mean square exceeds that of the floor by this share has something left to find.
-LEFT = 0.25
 #: Floors that turn out lower by this factor ask for another look, so often at most.
 MUCH, MOST_WEIGHINGS = 1.3, 2
 #: So often at most others are asked after something has been let go of.
@@ -42,8 +40,8 @@ MOST_RETURNS = 2
 @dataclass(frozen=True)
 class Found:
     """``terms`` and their coordinates ``x``; ``inconsistent``: those whose parameters differ between runs; ``steps``;
-    ``judge`` as it weighed the joints in the end; ``beside``: estimated beside all links, and no finding; ``start``:
-    the model that is completed (the search may have begun from one whose base is turned, :mod:`.mounting`);
+    ``judge`` as it weighed the joints in the end; ``beside``: estimated beside these, and no finding (:mod:`.beside`);
+    ``start``: the model that is completed (the search may have begun from one whose base is turned, :mod:`.mounting`);
     ``contacts``: effects of a moment (:mod:`.contact`), which stand last in every model."""
 
     terms: list[Term]
@@ -70,7 +68,7 @@ class Found:
     def model(self, terms: Sequence[Term], covariance: bool = True) -> Model:
         """The completed model with ``terms`` of these alone: re-fitted, but where runs disagree.
 
-        Its effects are those of ``terms`` in their order, then what stands ``beside`` all links, where these are in.
+        Its effects are those of ``terms`` in their order, then what stands ``beside`` them.
         """
         return self.start.adding([*self._laws(terms, covariance), *self.contacts])
 
@@ -89,7 +87,8 @@ class Found:
             return []
         if self.inconsistent:
             return [e for s, e in zip(self.terms, self.effects(covariance), strict=True) if s in terms]
-        beside = self.beside if wanted(terms) else []
+        lacks_links = wanted(self.terms) and not wanted(terms)
+        beside = [t for t in self.beside if not (lacks_links and t.family().like_weight)]
         evidence = self.judge.evidence
         return model_of(evidence, [*terms, *beside], covariance).effects[len(evidence.base.effects) :]
 
@@ -124,8 +123,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         # A way of many steps, each as good as the one before, may end far below where it began.
         judge, chosen = choose([(there, found), (judge, chosen)])
     judge, chosen = _in_simplest_form(judge, chosen, candidates)
-    held = judge.mean_square(judge.evidence.held(chosen, physical=True))
-    if len(judge.evidence.runs) > 1 and np.any((judge.floor > 0) & (held > (1 + LEFT) * judge.floor**2)):
+    held = judge.evidence.held(chosen, physical=True)
+    if len(judge.evidence.runs) > 1 and judge.above_floor(held).any():
         split, further = split_by_run(judge, chosen, candidates, report)
         parts = list(further[-1].terms) if further else []
         # Where the search let go of every part, nothing differs between runs.
@@ -167,7 +166,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     chosen = [*given, *(t for t in chosen if t not in given)]
     fitted = refit(judge.adding(given).evidence, chosen)
     judge, beside = beside_links(judge.over(fitted.evidence), chosen)
-    return Found(chosen, fitted.x, [], steps, [], judge, start, beside)
+    judge, unsure = beside_names(judge, [*chosen, *beside], candidates)
+    return Found(chosen, fitted.x, [], steps, [], judge, start, [*beside, *unsure])
 
 
 def with_contacts(found: Found, logs: Logs) -> Found:

@@ -34,7 +34,7 @@ def undetermined(evidence: Evidence, terms: Sequence[Term], term: Term) -> list[
     start = layout.starts[layout.terms.index(term)]
     own = slice(start, start + term.size)
     kind = term.family()
-    loose = variance[own] > 0.1 * kind.prior_scale(evidence.robot, term) ** 2
+    loose = variance[own] > 0.1 * term.prior_scale(evidence.robot) ** 2
     loose |= np.sum(vectors[own][:, ~known] ** 2, axis=1) > SHARED
     return kind.left_open(term, loose)
 
@@ -101,7 +101,7 @@ def fit_alone(
     layout = evidence.layout(terms)
     size = term.size
     own = slice(start, start + size)
-    prior = 1.0 / term.family().prior_scale(evidence.robot, term) ** 2
+    prior = 1.0 / term.prior_scale(evidence.robot) ** 2
     a, b = np.diag(prior), x[own] * prior
     grams = []
     for j, (position, column) in enumerate(evidence.indices(layout)):

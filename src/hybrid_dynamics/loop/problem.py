@@ -190,5 +190,5 @@ class Problem:
     def _prior(self, term: Term) -> Array:
         """Weight (p,) that holds the coordinates of ``term`` to zero."""
         if term not in self._priors:
-            self._priors[term] = 1.0 / term.family().prior_scale(self.robot, term) ** 2
+            self._priors[term] = 1.0 / term.prior_scale(self.robot) ** 2
         return self._priors[term]

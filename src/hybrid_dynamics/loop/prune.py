@@ -191,10 +191,10 @@ def without_noise(judge: Judge, current: Sequence[Term], sure: bool = False) -> 
     """``current`` without terms all of whose coefficients are below their own standard errors, the least first; and the
     judge there.
 
-    What held-out rows miss, as surely as n questions ask for, stays: beside something that can look the same a standard
-    error says little (a few seconds of friction beside all links and a gain).
-    ``sure``: what every joint of an arm has must itself be as sure as that, in the model as it is in the end: something
-    else may have taken it over since it was named.
+    What held-out rows miss stays: beside something that can look the same a standard error says little (a few seconds
+    of friction beside all links and a gain).
+    ``sure``: what every joint of an arm has must be as sure as n questions ask for, in the model as it is in the end,
+    or held-out rows must miss it as surely: something else may have taken it over since it was named.
     """
     joints = judge.evidence.n
     level = judge.level(joints, len(judge.evidence.blocks)) if sure else 1.0
@@ -208,8 +208,10 @@ def without_noise(judge: Judge, current: Sequence[Term], sure: bool = False) -> 
             if size >= max(asked, 1.0):
                 continue
             gain = judge.worth(kept, term)
-            if not gain.surer_than(judge.level(joints, gain.blocks)):
-                small[term] = size if size < 1.0 else size / level
+            if size < 1.0 and not judge.needs(term, gain, judge.settings.keep_share):
+                small[term] = size
+            elif size >= 1.0 and not gain.surer_than(judge.level(joints, gain.blocks)):
+                small[term] = size / level
         if not small:
             return judge, kept
         kept.remove(min(small, key=lambda t: (small[t], repr(t))))

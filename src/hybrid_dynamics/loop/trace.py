@@ -53,6 +53,8 @@ TABLE_ROWS = 12
 NIBBLE, NIBBLE_KEPT = 0.25, 0.15
 #: A simpler model may be worse on no joint by more than this share of its mean square, however uncertain that is.
 MOST_LOSS = 0.1
+#: A joint whose held-out mean square exceeds that of the floor by this share has something left to find.
+LEFT = 0.25
 #: A gain of this many standard errors is no accident, wherever it shows.
 DECISIVE = 3.0
 #: A gain this many times as sure and as large as is asked for is so with bodies held physical, too.
@@ -205,6 +207,10 @@ class Judge:
     def mean_square(self, held: Held) -> Array:
         """(n,) [N m]^2."""
         return np.asarray(held.joint_errors / np.maximum(self.evidence.samples, 1))
+
+    def above_floor(self, held: Held) -> NDArray[np.bool_]:
+        """(n,) joints on which ``held`` leaves so much more than the floor that something is left to find."""
+        return (self.floor > 0) & (self.mean_square(held) > (1 + LEFT) * self.floor**2)
 
     def as_good(self, new: Held, best: Held, errors: float = 1.0) -> bool:
         """True where ``new`` is worse than ``best`` within ``errors`` standard errors, or by nothing that matters.
