@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from tests.small_arm import arm, noisy_log
 from tests.test_loop_beside import links
 
 from hybrid_dynamics.effects import Effect, Term
-from hybrid_dynamics.loop import LoopSettings, Model
-from hybrid_dynamics.loop.everything import better_with_everything
+from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop import close as close_module
+from hybrid_dynamics.loop.everything import Everything, better_with_everything
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.trace import Judge
@@ -35,15 +37,19 @@ def _asked(
 
 def test_where_names_are_missing_it_is_said() -> None:
     judge, terms, test = _asked()
-    (note,) = better_with_everything(judge, terms, Model(ROBOT), test)
-    assert SHOULDER in note
+    rival = better_with_everything(judge, terms, Model(ROBOT), test)
+    assert rival.better[0]
+    (note,) = rival.notes(ROBOT.joint_names)
+    assert f"{SHOULDER} ({rival.times[0]:.2g} times)" in note
     assert "effects are missing" in note
 
 
 def test_only_the_joint_is_told_that_lacks_something() -> None:
     friction = HIDDEN[1:]
     judge, terms, test = _asked(friction)
-    (note,) = better_with_everything(judge, terms, Model(ROBOT), test)
+    rival = better_with_everything(judge, terms, Model(ROBOT), test)
+    assert rival.better.tolist() == [True, False]
+    (note,) = rival.notes(ROBOT.joint_names)
     assert SHOULDER in note
     assert ELBOW not in note
 
@@ -51,19 +57,34 @@ def test_only_the_joint_is_told_that_lacks_something() -> None:
 @pytest.mark.parametrize("hidden", [HIDDEN[1:], ()])
 def test_the_true_model_is_not_beaten(hidden: tuple[Effect, ...]) -> None:
     judge, terms, test = _asked(hidden)
-    assert better_with_everything(judge, terms, Model(ROBOT, hidden), test) == []
+    rival = better_with_everything(judge, terms, Model(ROBOT, hidden), test)
+    assert not rival.better.any()
+    assert rival.notes(ROBOT.joint_names) == []
 
 
 @pytest.mark.parametrize(("off", "told"), [(1.002, False), (1.5, True)])
 def test_what_is_much_better_in_the_last_digits_only_is_not_told(off: float, told: bool) -> None:
     viscous = Effect("viscous_friction", (SHOULDER,), {"viscous_coefficient": off})
     judge, terms, test = _asked(HIDDEN[1:], noise=1e-5)
-    assert bool(better_with_everything(judge, terms, Model(ROBOT, (viscous, HIDDEN[2])), test)) is told
+    assert bool(better_with_everything(judge, terms, Model(ROBOT, (viscous, HIDDEN[2])), test).better.any()) is told
 
 
 def test_nothing_is_asked_where_links_are_in_or_not_asked_for() -> None:
     judge, terms, test = _asked()
     # Friction is missing, but nobody could say that the links had not been given their chance.
-    assert better_with_everything(judge, terms, Model(ROBOT, HIDDEN[:1]), test) == []
+    assert not better_with_everything(judge, terms, Model(ROBOT, HIDDEN[:1]), test).better.any()
     judge, terms, test = _asked(effects=("viscous_friction", "torque_offset"))
-    assert better_with_everything(judge, terms, Model(ROBOT), test) == []
+    assert not better_with_everything(judge, terms, Model(ROBOT), test).better.any()
+
+
+@pytest.mark.parametrize(("times", "verdict", "left"), [(1.0, "explained", []), (4.0, "partly_explained", [ELBOW])])
+def test_a_joint_that_a_fit_of_everything_predicts_better_is_not_explained(
+    monkeypatch: pytest.MonkeyPatch, times: float, verdict: str, left: list[str]
+) -> None:
+    monkeypatch.setattr(close_module, "better_with_everything", lambda *given: Everything(np.array([1.0, times])))
+    runs = [noisy_log(list(HIDDEN[1:]), k, split, 0.05) for k, split in ((1, "train"), (2, "train"), (3, "test"))]
+    diagnosis = close_loop(ROBOT, runs[:2], runs[2:]).diagnosis
+    assert diagnosis.verdict == verdict
+    assert [entry["joint"] for entry in diagnosis.unexplained] == left
+    assert [entry["share_of_residual_variance"] for entry in diagnosis.unexplained] == [0.75] * len(left)
+    assert any("fitted at once" in note and ELBOW in note for note in diagnosis.notes) is bool(left)

@@ -124,10 +124,10 @@ def _close(
     carried = carried_over(parts[: len(logs.train)], parts[len(logs.train) :], logs.rounded_away, settings)
 
     progress(0.9, "describing what is left")
+    # Where runs disagree the evidence is of effects with parameters for every run.
+    rival = better_with_everything(judge, [] if found.inconsistent else terms, said.model, logs.test)
     notes = [*plausible.notes, *logs.notes, *searched.notes, *found.notes, *pushed_in_tests(full, logs.test, settings)]
-    if not found.inconsistent:  # else the evidence is of effects with parameters for every run
-        notes += better_with_everything(judge, terms, said.model, logs.test)
-    diagnosis, models = describe_result(judge, base, terms, found, full, said, floor, carried, logs, notes)
+    diagnosis, models = describe_result(judge, base, terms, found, full, said, floor, carried, rival, logs, notes)
     after = diagnosis.error_moving["test"].after_confirmed
     assert after is not None
     progress(1.0, "done")

@@ -14,6 +14,7 @@ from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.carried import Carried
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
 from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rounded, verdict_of
+from hybrid_dynamics.loop.everything import Everything
 from hybrid_dynamics.loop.extrapolation import extrapolation
 from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.floor import Floor
@@ -36,6 +37,7 @@ def describe_result(
     said: Confirmation,
     floor: Floor,
     carried: Carried,
+    rival: Everything,
     logs: Logs,
     notes: Sequence[str],
 ) -> tuple[Diagnosis, list[Model]]:
@@ -95,7 +97,8 @@ def describe_result(
             f"{robot.joint_names[j]}: the test runs leave {carried.times[j]:.3g} times as much as the training runs: "
             "the model does not carry over to them; learn from runs that move as they do"
         )
-    explained = ~floor.seen | ~(floor.motion_dependent | floor.cannot_tell | carried.worse)
+    lines = [*rival.notes(robot.joint_names), *lines]
+    explained = ~floor.seen | ~(floor.motion_dependent | floor.cannot_tell | carried.worse | rival.better)
     diagnosis = {
         "schema": 2,
         "robot": robot.name,
@@ -114,7 +117,8 @@ def describe_result(
         "autocorrelation": floor.autocorrelation.tolist(),
         "extrapolation": outside,
         "unexplained": [
-            _unexplained(robot, said.model, logs, judge, floor, carried, int(j)) for j in np.flatnonzero(~explained)
+            _unexplained(robot, said.model, logs, judge, floor, carried, rival, int(j))
+            for j in np.flatnonzero(~explained)
         ],
         "not_identifiable": [
             {
@@ -130,15 +134,23 @@ def describe_result(
 
 
 def _unexplained(
-    robot: Robot, model: Model, logs: Logs, judge: Judge, floor: Floor, carried: Carried, joint: int
+    robot: Robot,
+    model: Model,
+    logs: Logs,
+    judge: Judge,
+    floor: Floor,
+    carried: Carried,
+    rival: Everything,
+    joint: int,
 ) -> dict[str, Any]:
     # Of what is left, the share that a black box removes; where none can be learned, what second differences deny;
-    # where the test runs alone leave more, what they leave beyond the training runs.
+    # where the test runs alone leave more, what they leave beyond the training runs; what a fit of everything takes.
     share = float(floor.learnable_share[joint])
     if not floor.motion_dependent[joint]:
         share = max(1.0 - float(floor.low[joint] / max(floor.value[joint], 1e-300)) ** 2, 0.0)
     if carried.worse[joint]:
         share = max(share, 1.0 - 1.0 / float(carried.times[joint]) ** 2)
+    share = max(share, 1.0 - 1.0 / float(rival.times[joint]))
     return {
         "joint": robot.joint_names[joint],
         "share_of_residual_variance": share,

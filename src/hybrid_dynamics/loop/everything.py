@@ -7,8 +7,10 @@ than a fit of all of them. Such a fit explains nothing, but that it is better sa
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.augment import model_of
@@ -18,6 +20,7 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.prune import on_every_joint
 from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.types import Array
 
 #: Worth a word is what at least halves a joint's mean square.
 MUCH = 2.0
@@ -26,16 +29,41 @@ MUCH = 2.0
 WORTH = 0.01
 
 
-def better_with_everything(judge: Judge, candidates: Sequence[Term], model: Model, tests: Sequence[Run]) -> list[str]:
-    """A note where all links, friction, offset and armature of every joint, fitted at once to the training runs,
-    predict ``tests`` surely and much better than ``model``, joint by joint; else no note.
+@dataclass(frozen=True)
+class Everything:
+    """Per joint (n,): how many ``times`` (mean square) as much the model leaves of the test runs as a fit of everything
+    at once does, where that is surely and much more; 1 elsewhere."""
+
+    times: Array
+
+    @property
+    def better(self) -> NDArray[np.bool_]:
+        """(n,) joints on which effects are missing."""
+        return np.asarray(self.times > 1.0)
+
+    def notes(self, joints: Sequence[str]) -> list[str]:
+        """What is said of it, if anything."""
+        names = [f"{joints[int(j)]} ({self.times[j]:.2g} times)" for j in np.flatnonzero(self.better)]
+        if not names:
+            return []
+        return [
+            "all links, friction, offset and armature of every joint, fitted at once, leave much less on the test runs "
+            f"(mean square) on {', '.join(names)}: effects are missing there that these runs cannot tell apart; "
+            "record longer runs, or runs that move these joints through more poses"
+        ]
+
+
+def better_with_everything(judge: Judge, candidates: Sequence[Term], model: Model, tests: Sequence[Run]) -> Everything:
+    """Where all links, friction, offset and armature of every joint, fitted at once to the training runs, predict
+    ``tests`` surely and much better than ``model``, joint by joint.
 
     "Surely" as with names (:mod:`.confirm`): Student's t over blocks of time, Bonferroni over the joints. Nothing is
     asked where the links are not among ``candidates``, or are in the model already.
     """
+    times = np.ones(judge.evidence.n)
     links = next((t for t in candidates if t.family().all_links), None)
     if links is None or any(e.effect == links.effect for e in model.effects):
-        return []
+        return Everything(times)
     terms = [*on_every_joint(candidates), links]
     there, beside = beside_links(judge.at(terms), terms)
     rival = model_of(there.evidence, [*terms, *beside], False)
@@ -43,16 +71,8 @@ def better_with_everything(judge: Judge, candidates: Sequence[Term], model: Mode
     left, torque = (
         np.sum([np.sum(e**2, axis=0) for e in part], axis=0) for part in (ours, [run.tau * run.mask for run in tests])
     )
-    joints = model.robot.joint_names
-    names = []
     for j in np.flatnonzero(left > WORTH**2 * torque):
-        change = change_of(judge, ours, theirs, tests, np.eye(len(joints))[j], len(joints))
+        change = change_of(judge, ours, theirs, tests, np.eye(len(times))[j], len(times))
         if change.contradicts and change.relative > MUCH - 1.0:
-            names.append(f"{joints[j]} ({1.0 + change.relative:.2g} times)")
-    if not names:
-        return []
-    return [
-        "all links, friction, offset and armature of every joint, fitted at once, leave much less on the test runs "
-        f"(mean square) on {', '.join(names)}: effects are missing there that these runs cannot tell apart; "
-        "record longer runs, or runs that move these joints through more poses"
-    ]
+            times[j] = 1.0 + change.relative
+    return Everything(times)
