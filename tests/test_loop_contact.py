@@ -14,6 +14,7 @@ from hybrid_dynamics import predict
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop import LoopResult, LoopSettings, close_loop
 from hybrid_dynamics.loop.boxes import STEP, Interval, Stretch, boxes
+from hybrid_dynamics.loop_report.gather import gather
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
@@ -66,6 +67,22 @@ def test_a_push_in_one_run_is_told_with_its_time_and_its_run() -> None:
     error = predict(result.model, replace(still, name="train_1")).rmse()
     assert error == pytest.approx(predict(result.model, still).rmse(), abs=1e-12)
     assert max(error) < 0.1 * PUSH
+
+
+def test_the_page_shows_a_push_where_it_was() -> None:
+    content = gather(close_loop(ROBOT, *_logs("train_1"), LAWS))
+    (group,) = (g for g in content.groups if g.kind == "moment")
+    assert (group.where, group.runs) == (ELBOW, ("train_1",))
+    (curve,) = group.curves
+    during = np.array(curve.added) != 0.0
+    assert curve.axis == "time"
+    assert np.median(np.array(curve.missing)[during]) == pytest.approx(PUSH, rel=0.05)
+    # Of the whole run, as of other effects.
+    assert group.contribution[0] == pytest.approx(PUSH * np.sqrt(during.mean()), rel=0.1)
+    # Control: what acts in every run stands on the held-out ones.
+    others = [g for g in content.groups if g is not group]
+    assert others
+    assert all(g.runs == () for g in others)
 
 
 def test_a_push_in_every_run_acts_in_every_run() -> None:

@@ -25,6 +25,7 @@ KINDS = {
     "rotor": "Rotor inertia",
     "position": "Torque that depends on the position",
     "offset": "Offset",
+    "moment": "For a moment",
     "body": "Masses and inertias",
     "reading": "What is read",
     "other": "Other",
@@ -41,10 +42,11 @@ AXES = {
 
 @dataclass(frozen=True)
 class Curve:
-    """The final model's law at one joint and the held-out samples it answers to.
+    """The final model's law at one joint and the samples it answers to.
 
     ``x`` is the variable of :data:`AXES` named ``axis``; ``missing`` [N m] what the final model lacks there once the
-    group's effects are taken out; ``added`` [N m] what they add. ``run`` counts into :attr:`Content.test_runs`.
+    group's effects are taken out; ``added`` [N m] what they add. ``run`` counts into :attr:`Group.runs`, or into
+    :attr:`Content.test_runs`.
     ``noise`` [N m] is the joint's noise floor.
     """
 
@@ -65,7 +67,8 @@ class Curve:
 @dataclass(frozen=True)
 class Group:
     """Named effects of one kind at one place. ``effects`` count into the diagnosis' list; ``contribution`` [N m] is the
-    rms torque that each of them adds on held-out runs, on the joint (``contribution_joint``) where it adds most."""
+    rms torque that each of them adds on held-out runs (of one run alone: there), on the joint
+    (``contribution_joint``) where it adds most. ``runs``: those of the curves, where they are not the held-out ones."""
 
     where: str
     kind: str
@@ -73,6 +76,7 @@ class Group:
     contribution: Numbers
     contribution_joint: tuple[str, ...]
     curves: tuple[Curve, ...] = ()
+    runs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -37,15 +37,16 @@ class Evidence(LoopSection):
             figures = []
             for curve in group.curves[:1] if self.light else group.curves:
                 title = f"{curve.joint}: {', '.join(words.title_of(e['effect']) for e in kept)}"
+                runs = "training" if group.runs else "held-out"
                 alt = (
-                    f"{title}. Points: torque missing on held-out runs without these effects; line: what they "
+                    f"{title}. Points: torque missing on {runs} runs without these effects; line: what they "
                     f"add, over {curve.axis}; band: twice the noise floor of {words.number(curve.noise, 2)} "
                     f"{words.effort_unit(self.diagnosis, curve.joint)}."
                 )
                 curve = curve.thinned(LIGHT_POINTS) if self.light else curve
                 slides = curve.joint in words.slides(self.diagnosis)
                 heading = curve.joint if len(group.curves) > 1 else ""
-                figure = plots.curve_figure(curve, self.content.test_runs, heading, slides)
+                figure = plots.curve_figure(curve, group.runs or self.content.test_runs, heading, slides)
                 figures.append(book.add(figure, alt, plots.CURVE_HEIGHT))
             shown.append(
                 {

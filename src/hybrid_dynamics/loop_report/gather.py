@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.close import LoopResult
 from hybrid_dynamics.loop.diagnosis import predict_run, rounded
 from hybrid_dynamics.loop.model import Model
@@ -27,6 +28,8 @@ DIGITS = 5
 def kind_of(name: str) -> str:
     """The heading of :data:`KINDS` under which effect ``name`` stands."""
     known = family(name)
+    if known.momentary:
+        return "moment"
     if known.changes_reading:
         return "reading"
     if known.drawn_against == "ddq":
@@ -79,6 +82,7 @@ def _groups(result: LoopResult, diagnosis: dict[str, Any]) -> list[Group]:
         effects = [active.get(_key(entries[k]["effect"], entries[k]["joints"], entries[k]["settings"])) for k in own]
         alone = [np.zeros(len(names)) if e is None else _added_rms(result, [e]) for e in effects]
         there = [e for e in effects if e is not None]
+        runs = _acting_in(result, there)
         out.append(
             Group(
                 where=names[place] if place < len(names) else "",
@@ -86,7 +90,8 @@ def _groups(result: LoopResult, diagnosis: dict[str, Any]) -> list[Group]:
                 effects=tuple(own),
                 contribution=tuple(_round(a.max()) for a in alone),
                 contribution_joint=tuple(names[int(np.argmax(a))] for a in alone),
-                curves=tuple(_curves(result, there, kind, place)) if there else (),
+                curves=tuple(_curves(result, there, kind, place, runs)) if there else (),
+                runs=() if runs is result.test else tuple(run_title(run.name) for run in runs),
             )
         )
     return out
@@ -101,37 +106,42 @@ def _without(model: Model, effects: Sequence[Effect]) -> Model:
     return Model(model.robot, tuple(e for e in model.effects if not any(e is o for o in effects)))
 
 
-def _added(result: LoopResult, effects: Sequence[Effect]) -> list[Array]:
-    """Torque (K, n) [N m] that ``effects`` add to the final model on every held-out run."""
+def _acting_in(result: LoopResult, effects: Sequence[Effect]) -> Sequence[Run]:
+    """The held-out runs; where all of ``effects`` act in one run each (a push), those training runs."""
+    names = {e.settings.get(ONLY_RUN) for e in effects}
+    return [run for run in result.train if run.name in names] if names and None not in names else result.test
+
+
+def _added(result: LoopResult, effects: Sequence[Effect], runs: Sequence[Run]) -> list[Array]:
+    """Torque (K, n) [N m] that ``effects`` add to the final model on each of ``runs``."""
     rest = _without(result.model, effects)
-    return [predict_run(result.model, run) - predict_run(rest, run) for run in result.test]
+    return [predict_run(result.model, run) - predict_run(rest, run) for run in runs]
 
 
 def _added_rms(result: LoopResult, effects: Sequence[Effect]) -> Array:
     """(n,) [N m]."""
-    return np.asarray(np.sqrt(np.mean(np.concatenate(_added(result, effects)) ** 2, axis=0)))
+    return np.asarray(
+        np.sqrt(np.mean(np.concatenate(_added(result, effects, _acting_in(result, effects))) ** 2, axis=0))
+    )
 
 
-def _curves(result: LoopResult, effects: Sequence[Effect], kind: str, place: int) -> list[Curve]:
+def _curves(result: LoopResult, effects: Sequence[Effect], kind: str, place: int, runs: Sequence[Run]) -> list[Curve]:
     """One curve at the effects' joint; for a body, one on each joint where it adds most, over what it adds."""
     names = result.model.robot.joint_names
-    added = _added(result, effects)
-    left = [run.tau - predict_run(result.model, run) for run in result.test]
+    added = _added(result, effects, runs)
+    left = [run.tau - predict_run(result.model, run) for run in runs]
     if kind in ("body", "reading", "other") or place >= len(names):
         size = np.sqrt(np.mean(np.concatenate(added) ** 2, axis=0))
         joints = [int(j) for j in np.argsort(-size, kind="stable")[:ROBOT_JOINTS] if size[j] > 0]
         axis = "added"
     else:
-        joints, axis = [place], {"rotor": "ddq", "position": "q", "offset": "time"}.get(kind, "dq")
-    count = sum(len(run.time) for run in result.test)
+        joints, axis = [place], {"rotor": "ddq", "position": "q", "offset": "time", "moment": "time"}.get(kind, "dq")
+    count = sum(len(run.time) for run in runs)
     step = max(-(-count // CURVE_POINTS), 1)
     out = []
     for j in joints:
-        x = [
-            a[:, j] if axis == "added" else _variable(run, axis)[:, j]
-            for run, a in zip(result.test, added, strict=True)
-        ]
-        owner = np.concatenate([np.full(len(run.time), k) for k, run in enumerate(result.test)])[::step]
+        x = [a[:, j] if axis == "added" else _variable(run, axis)[:, j] for run, a in zip(runs, added, strict=True)]
+        owner = np.concatenate([np.full(len(run.time), k) for k, run in enumerate(runs)])[::step]
         own = np.concatenate([a[:, j] for a in added])[::step]
         rest = np.concatenate([e[:, j] for e in left])[::step]
         out.append(
