@@ -69,10 +69,18 @@ def test_what_is_much_better_in_the_last_digits_only_is_not_told(off: float, tol
     assert bool(better_with_everything(judge, terms, Model(ROBOT, (viscous, HIDDEN[2])), test).better.any()) is told
 
 
-def test_nothing_is_asked_where_links_are_in_or_not_asked_for() -> None:
+def test_links_without_the_friction_beside_them_are_told() -> None:
     judge, terms, test = _asked()
-    # Friction is missing, but nobody could say that the links had not been given their chance.
-    assert not better_with_everything(judge, terms, Model(ROBOT, HIDDEN[:1]), test).better.any()
+    assert better_with_everything(judge, terms, Model(ROBOT, HIDDEN[:1]), test).better.tolist() == [True, False]
+    assert not better_with_everything(judge, terms, Model(ROBOT, HIDDEN), test).better.any()
+
+
+def test_nothing_is_asked_where_the_starting_model_has_the_links_or_nobody_asks_for_them() -> None:
+    logs = [noisy_log(list(HIDDEN), k, split, 0.1) for k, split in ((1, "train"), (2, "train"), (3, "test"))]
+    motion = read_motion(ROBOT, logs[:2], logs[2:], LoopSettings())
+    start = Model(ROBOT, HIDDEN[:1])
+    judge, terms, _ = gather(start, motion, LoopSettings())
+    assert not better_with_everything(judge, terms, start, motion.test).better.any()
     judge, terms, test = _asked(effects=("viscous_friction", "torque_offset"))
     assert not better_with_everything(judge, terms, Model(ROBOT), test).better.any()
 

@@ -58,11 +58,11 @@ def better_with_everything(judge: Judge, candidates: Sequence[Term], model: Mode
     ``tests`` surely and much better than ``model``, joint by joint.
 
     "Surely" as with names (:mod:`.confirm`): Student's t over blocks of time, Bonferroni over the joints. Nothing is
-    asked where the links are not among ``candidates``, or are in the model already.
+    asked where the links are not among ``candidates``, or are in the starting model.
     """
     times = np.ones(judge.evidence.n)
     links = next((t for t in candidates if t.family().all_links), None)
-    if links is None or any(e.effect == links.effect for e in model.effects):
+    if links is None or any(e.effect == links.effect for e in judge.evidence.base.effects):
         return Everything(times)
     terms = [*on_every_joint(candidates), links]
     there, beside = beside_links(judge.at(terms), terms)
