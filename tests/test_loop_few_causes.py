@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from tests.small_arm import arm, noisy_log
 
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, Term, predict
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.further import merge_forms
+from hybrid_dynamics.loop.one_for_two import one_for_two
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.widen import narrowed, widened
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.excitation import excitations
+from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
@@ -52,6 +54,66 @@ def test_a_spring_on_a_crank_beside_an_offset_is_a_linear_spring_where_that_does
     crank = Effect("joint_spring", (ELBOW,), {"stiffness": 8.0, "rest_position": 0.1}, {"shape": "sine"})
     judge, _ = _judged(crank, Effect("torque_offset", (ELBOW,), {"offset": 3.0}), seed=seed)
     assert set(merge_forms(judge, [OFFSET, SINE])[1]) == {OFFSET, SINE}
+
+
+def _friction(up: float, down: float) -> Effect:
+    return Effect(
+        "asymmetric_coulomb_friction", (ELBOW,), {"coulomb_torque_positive": up, "coulomb_torque_negative": down}
+    )
+
+
+def _resting(hidden: Sequence[Effect], seed: int, split: str) -> Trajectory:
+    """As :func:`noisy_log`, but the arm stops for a second or two in every five."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(4000) / 200.0
+    pace = np.clip(0.5 + 1.5 * np.sin(2 * np.pi * time / 5.0), 0.0, 1.0) ** 2
+    phase = rng.uniform(0, 2 * np.pi, (2, 2, 1))
+    way = np.array([[0.9, 1.7], [1.1, 2.3]])[..., None] * np.cumsum(pace) / 200.0 + phase
+    q = np.einsum("k,jkt->tj", [0.5, 0.25], np.sin(way))
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(ROBOT, list(hidden), q, dq, np.gradient(dq, time, axis=0), time)
+    return Trajectory(
+        f"{split}_{seed}", split, time, {"q": q, "dq": dq, "tau": tau + NOISE * rng.normal(size=tau.shape)}
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_friction_and_an_offset_are_friction_that_is_rougher_one_way(seed: int) -> None:
+    judge, _ = _judged(_friction(1.5, 0.5), seed=seed)
+    assert one_for_two(judge, [DRY, OFFSET])[1] == [UNEVEN]
+    # Control: an offset that is larger than the friction cannot be a friction that drives one way.
+    dry, offset = (
+        Effect(name, (ELBOW,), {key: value})
+        for name, key, value in (("coulomb_friction", "coulomb_torque", 0.5), ("torque_offset", "offset", 1.5))
+    )
+    judge, _ = _judged(dry, offset, seed=seed)
+    assert one_for_two(judge, [DRY, OFFSET])[1] == [DRY, OFFSET]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("acts", [True, False])
+def test_an_offset_that_acts_at_rest_is_one(acts: bool, seed: int) -> None:
+    # The same torque in motion, whichever it is.
+    dry = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 1.0})
+    hidden = [dry, Effect("torque_offset", (ELBOW,), {"offset": 0.5})] if acts else [_friction(1.5, 0.5)]
+    settings = LoopSettings()
+    train = [_resting(hidden, seed + k, "train") for k in (0, 1)]
+    logs = read_motion(ROBOT, train, [_resting(hidden, seed + 50, "test")], settings)
+    judge, _, _ = gather(Model(ROBOT), logs, settings)
+    judge = judge.adding([OFFSET, DRY, UNEVEN])
+    assert one_for_two(judge, [DRY, OFFSET])[1] == ([DRY, OFFSET] if acts else [UNEVEN])
+
+
+def test_what_the_starting_model_has_of_them_stays_and_its_place_in_the_list_too() -> None:
+    judge, terms = _judged(_friction(1.5, 0.5))
+    viscous = next(t for t in terms if t.effect == "viscous_friction" and t.joint == 0)
+    assert one_for_two(judge.adding([viscous]), [OFFSET, viscous, DRY])[1] == [UNEVEN, viscous]
+    start = Model(ROBOT, (Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 0.4}),))
+    settings = LoopSettings()
+    hidden = [_friction(1.5, 0.5)]
+    logs = read_motion(ROBOT, [noisy_log(hidden, k, "train", NOISE) for k in (1, 2)], [], settings)
+    judge, _, _ = gather(start, logs, settings)
+    assert one_for_two(judge.adding([DRY, OFFSET]), [DRY, OFFSET])[1] == [DRY, OFFSET]
 
 
 def _chain(joints: int) -> Robot:

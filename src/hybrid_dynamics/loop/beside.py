@@ -36,7 +36,7 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
         return judge, []
     moving = np.flatnonzero(judge.evidence.samples >= FEWEST_ROWS)
     names = [name for name in judge.settings.families if family(name).like_weight]
-    alike = [Term(name, int(j)) for name in names for j in moving if not has_family(chosen, name, int(j))]
+    alike = [Term(name, int(j)) for name in names for j in moving if not _makes(chosen, name, int(j))]
     return _held(judge, alike)
 
 
@@ -66,6 +66,12 @@ def beside_names(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]
 def wanted(chosen: Sequence[Term]) -> bool:
     """True where ``chosen`` holds the links that constant torques are estimated beside."""
     return any(t.family().all_links for t in chosen)
+
+
+def _makes(chosen: Sequence[Term], name: str, joint: int) -> bool:
+    """True where one of ``chosen`` is the family ``name`` on ``joint``, or makes what it makes beside another."""
+    together = [a.effects for t in chosen if t.joint == joint for a in t.family().equivalent_to if len(a.effects) > 1]
+    return has_family(chosen, name, joint) or any(name in effects for effects in together)
 
 
 def _held(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
