@@ -83,10 +83,11 @@ def indistinguishable(
     together = _one_cause(named, free, rarer)
     out: dict[Term, list[dict[str, Any]]] = {}
     for term in layout.terms:
+        declared = [*_one_for_several(judge, terms, term), *_several_for_one(judge, terms, term)]
         # What stands for several names says more than that it stands for this one.
-        told = {_key(entry) for entry in together[term]}
+        told = {_key(entry) for entry in (*declared, *together[term])}
         alone = [entry for entry in _in_place_of(named, term, free, rarer) if _key(entry) not in told]
-        listed = [*forms[term], *_one_for_several(judge, terms, term), *together[term], *alone]
+        listed = [*forms[term], *declared, *together[term], *alone]
         if (twin := term.family().twin(term, evidence.robot)) is not None:
             own = _declared(term, twin.effect)
             why = f"structurally the same: {own.why}"
@@ -249,6 +250,24 @@ def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
             if any(judge.as_good(evidence.held([*rest, c], physical=True), full) for c in offered):
                 why = f"{INSTEAD}{' and '.join(known.effects)}: {known.why}"
                 out.append(_as_declared(evidence, name, term.joint, why, known))
+    return out
+
+
+def _several_for_one(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[str, Any]]:
+    """Effects of its joint that the family of ``term`` says make its torque together, where those do."""
+    out = []
+    rest = [t for t in terms if t != term]
+    for known in term.family().equivalent_to:
+        if term.joint is None or len(known.effects) < 2:
+            continue
+        # With the settings that they share: a sign that turns over as that of ``term`` does.
+        shared = [tuple(s for s in term.settings if s[0] in family(name).known_settings) for name in known.effects]
+        group = [Term(name, term.joint, own) for name, own in zip(known.effects, shared, strict=True)]
+        if any(same_place(c, t) for c in group for t in rest):
+            continue
+        evidence = judge.evidence.adding(group)
+        if judge.as_good(evidence.held([*rest, *group], physical=True), evidence.held(terms, physical=True)):
+            out.append(_entry(evidence, group, known.why, f"{known.remedy[0].upper()}{known.remedy[1:]}."))
     return out
 
 
