@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from tests.small_arm import arm, noisy_log
 
-from hybrid_dynamics.effects import Effect, Term, predict
+from hybrid_dynamics.effects import Effect, Term, family, predict
 from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop.alternatives import _several_for_one
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.further import merge_forms
 from hybrid_dynamics.loop.one_for_two import one_for_two
@@ -102,6 +103,18 @@ def test_an_offset_that_acts_at_rest_is_one(acts: bool, seed: int) -> None:
     judge, _, _ = gather(Model(ROBOT), logs, settings)
     judge = judge.adding([OFFSET, DRY, UNEVEN])
     assert one_for_two(judge, [DRY, OFFSET])[1] == ([DRY, OFFSET] if acts else [UNEVEN])
+
+
+def test_only_plain_effects_of_one_joint_are_listed_for_what_they_make_together() -> None:
+    judge, _ = _judged(_friction(1.5, 0.5))
+    (entry,) = _several_for_one(judge.at([UNEVEN]), [UNEVEN], UNEVEN)
+    assert [(e["effect"], e["joints"]) for e in entry["effects"]] == [(t.effect, [ELBOW]) for t in (DRY, OFFSET)]
+    # What has a parameter to refine, or acts on two joints, is asked elsewhere.
+    moving = np.ones(2, bool)
+    for name in ("nonlinear_viscous_friction", "joint_coupling"):
+        term = family(name).terms(ROBOT, moving, judge.settings.options)[0]
+        assert any(len(alike.effects) > 1 for alike in term.family().equivalent_to)
+        assert _several_for_one(judge.adding([term]), [term], term) == []
 
 
 def test_what_the_starting_model_has_of_them_stays_and_its_place_in_the_list_too() -> None:

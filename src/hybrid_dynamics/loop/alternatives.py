@@ -235,17 +235,18 @@ def _with_unseen_rest(judge: Judge, terms: Sequence[Term], term: Term) -> list[d
 
 def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[str, Any]]:
     """Families that say of themselves that ``term`` and others of its joint make their torque, where those do."""
-    evidence, settings = judge.evidence, judge.settings
+    settings = judge.settings
     out = []
-    here = np.arange(evidence.n) == term.joint
+    here = np.arange(judge.evidence.n) == term.joint
     for name in (*settings.families, *settings.further):
         kind = family(name)
         for known in kind.equivalent_to:
             together = [t for t in terms if t.joint is not None and t.joint == term.joint and t.effect in known.effects]
             if term not in together or len(together) < 2 or {t.effect for t in together} != set(known.effects):
                 continue
-            offered = kind.terms(evidence.robot, here, settings.options)
-            evidence = evidence.adding(offered)
+            offered = kind.terms(judge.evidence.robot, here, settings.options)
+            judge = judge.adding(offered)
+            evidence = judge.evidence
             full, rest = evidence.held(terms, physical=True), [t for t in terms if t not in together]
             if any(judge.as_good(evidence.held([*rest, c], physical=True), full) for c in offered):
                 why = f"{INSTEAD}{' and '.join(known.effects)}: {known.why}"
@@ -254,20 +255,24 @@ def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
 
 
 def _several_for_one(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[str, Any]]:
-    """Effects of its joint that the family of ``term`` says make its torque together, where those do."""
-    out = []
+    """Plain effects of its joint that the family of ``term`` says make its torque together, where those do."""
+    out: list[dict[str, Any]] = []
+    if term.joint is None or judge.evidence.acts(term).sum() != 1:
+        return out
     rest = [t for t in terms if t != term]
     for known in term.family().equivalent_to:
-        if term.joint is None or len(known.effects) < 2:
+        # Others have parameters to refine, or further joints.
+        if len(known.effects) < 2 or not all(family(name).everywhere for name in known.effects):
             continue
         # With the settings that they share: a sign that turns over as that of ``term`` does.
         shared = [tuple(s for s in term.settings if s[0] in family(name).known_settings) for name in known.effects]
         group = [Term(name, term.joint, own) for name, own in zip(known.effects, shared, strict=True)]
         if any(same_place(c, t) for c in group for t in rest):
             continue
-        evidence = judge.evidence.adding(group)
-        if judge.as_good(evidence.held([*rest, *group], physical=True), evidence.held(terms, physical=True)):
-            out.append(_entry(evidence, group, known.why, f"{known.remedy[0].upper()}{known.remedy[1:]}."))
+        offered = judge.adding(group)
+        held = offered.evidence.held
+        if offered.as_good(held([*rest, *group], physical=True), held(terms, physical=True)):
+            out.append(_entry(offered.evidence, group, known.why, f"{known.remedy[0].upper()}{known.remedy[1:]}."))
     return out
 
 
