@@ -197,7 +197,7 @@ def test_an_arm_is_not_explained_by_what_has_no_name(monkeypatch: pytest.MonkeyP
     result = close_loop(ROBOT, train, test)
     assert result.diagnosis.verdict == verdict
     told = [line for line in result.diagnosis.notes if "too unsure to be named" in line]
-    assert [f"viscous_friction of {ELBOW} 0." in line for line in told] == [] if sure else [True]
+    assert [f"viscous_friction of {ELBOW} 0." in line for line in told] == ([] if sure else [True])
     # With a name or without, the test runs are predicted as well.
     after = result.diagnosis.error_moving["test"].after_confirmed
     assert after is not None

@@ -272,7 +272,7 @@ def _several_for_one(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
         offered = judge.adding(group)
         held = offered.evidence.held
         if offered.as_good(held([*rest, *group], physical=True), held(terms, physical=True)):
-            out.append(_entry(offered.evidence, group, known.why, f"{known.remedy[0].upper()}{known.remedy[1:]}."))
+            out.append(_entry(offered.evidence, group, known.why, _remedy(known)))
     return out
 
 
@@ -286,8 +286,13 @@ def _as_declared(evidence: Evidence, name: str, joint: int | None, why: str, kno
     return {
         "effects": [{"effect": name, "joints": [] if joint is None else [evidence.robot.joint_names[joint]]}],
         "why": why,
-        "motion_that_would_tell": f"{known.remedy[0].upper()}{known.remedy[1:]}.",
+        "motion_that_would_tell": _remedy(known),
     }
+
+
+def _remedy(known: Equivalence) -> str:
+    """The remedy that a family gives, as a sentence."""
+    return f"{known.remedy[0].upper()}{known.remedy[1:]}."
 
 
 def motion_that_would_tell(term: Term, others: Sequence[Term], same: bool) -> str:

@@ -49,9 +49,10 @@ def beside_names(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]
     current = list(model)
     if not current:
         return judge, []
+    plain = on_every_joint(candidates)
     for joint in np.flatnonzero(judge.above_floor(judge.evidence.held(current, physical=True))):
-        plain = [t for t in on_every_joint(candidates) if t.joint == joint]
-        judge, free = _held(judge, [t for t in plain if not has_family(current, t.effect, int(joint))])
+        missing = [t for t in plain if t.joint == joint and not has_family(current, t.effect, int(joint))]
+        judge, free = _held(judge, missing)
         while free:
             held = judge.evidence.held
             best = min(free, key=lambda t: (held([*current, t]).score, repr(t)))
@@ -82,9 +83,7 @@ def _held(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
     size = np.sqrt(np.mean(np.concatenate([run.tau for run in evidence.runs]) ** 2, axis=0))
     out = []
     for term in terms:
-        joint = term.index
-        _, column = evidence.indices(evidence.layout([term]))[joint]
-        square = float(evidence.sums.full[joint][column[0], column[0]]) / max(float(evidence.samples[joint]), 1.0)
+        joint, square = term.index, evidence.unit_square(term)
         if size[joint] > 0 and square > 0:
             within = float(f"{EXPECTED * size[joint] / np.sqrt(square):.3g}")
             out.append(replace(term, settings=tuple(sorted([*term.settings, (HELD, within)]))))

@@ -230,6 +230,12 @@ class Evidence:
         self._ready(layout.following)
         return self._linear.columns.indices(layout)
 
+    def unit_square(self, term: Term) -> float:
+        """Mean square [N m]^2 of what ``term``, of one coefficient, makes on its joint where that is one."""
+        joint = term.index
+        _, column = self.indices(self.layout([term]))[joint]
+        return float(self.sums.full[joint][column[0], column[0]]) / max(float(self.samples[joint]), 1.0)
+
     def _ready(self, following: frozenset[Term]) -> None:
         """Make the columns that follow the model, where one of ``following`` is asked for the first time: all of them,
         since who asks for one goes on to others."""

@@ -254,10 +254,8 @@ class Judge:
 
         Other effects may take most of it up, so that leaving it out hardly costs where the data is.
         """
-        evidence, joint = self.evidence, term.index
-        _, column = evidence.indices(evidence.layout([term]))[joint]
-        square = x**2 * float(evidence.sums.full[joint][column[0], column[0]]) / max(evidence.samples[joint], 1.0)
-        return bool(square > self._bar(self.settings.floor_share)[joint])
+        square = x**2 * self.evidence.unit_square(term)
+        return bool(square > self._bar(self.settings.floor_share)[term.index])
 
     def matters(self, term: Term, joint_gain: Array, share: float, decisive: bool = False) -> bool:
         """True where the gain (n,) [N m]^2 is of practical size on enough of the joints on which the effect acts.
