@@ -23,7 +23,8 @@ def case(name: str, hidden: str = "", **other: Any) -> dict[str, Any]:
         "floor_over_true_model": 1.0, "noise": "white", "seconds": 60.0, "unknown_forms": "",
         "sizes": " ".join(["5"] * count), "outcomes": " ".join(["named"] * count),
         "parameter_errors": " ".join(["0.005"] * count), "checked": " ".join(["100"] * count),
-        "within": " ".join(["95"] * count), "wrong": "", "stand_ins": "", "alternatives": 1, "loop_seconds": 9.0,
+        "within": " ".join(["95"] * count), "wrong": "", "stand_ins": "", "other_laws": "",
+        "alternatives": 1, "loop_seconds": 9.0,
         "noise_floor": 1.0, "runs": 4, "parameter_error": 0.005, "rate": 500.0, "velocity": True, "listed": "",
         "joint": 1,
     }  # fmt: skip
@@ -86,6 +87,9 @@ def test_a_law_outside_the_catalogue_is_judged_by_its_verdict_and_no_wrong_name_
     assert not unmet(
         *honest, case("u", **{**STRANGE, "verdict": "explained", "wrong": "", "nothing_wrong_named": True})
     )
+    # Dahl's law where LuGre's was hidden is not the name of another effect.
+    law = {**STRANGE, "verdict": "explained", "wrong": "", "other_laws": "hysteresis_friction@j1"}
+    assert not unmet(*honest, case("u", **law))
 
 
 def test_effects_are_taken_apart_and_names_stand_where_their_cause_sits():
@@ -96,14 +100,16 @@ def test_effects_are_taken_apart_and_names_stand_where_their_cause_sits():
         case("d"),
         case("e", "armature", **MISSED, sizes="0.5"),
         case("f", "payload", hidden_joints="-", **{**MISSED, "outcomes": "listed"}, stand_ins="link_inertia@j6"),
+        case("g", **{**STRANGE, "wrong": ""}, other_laws="hysteresis_friction@j1"),
     ]
     cases = pd.DataFrame(rows)
     effects = effects_of(cases)
     assert list(effects["effect"]) == ["payload", "armature", "viscous_friction", "armature", "payload"]
     assert list(effects["size"]) == [9.0, 0.4, 5.0, 0.5, 5.0]
-    assert list(missing(cases)) == [True, True, True, False, False, True]
+    assert list(missing(cases)) == [True, True, True, False, False, True, True]
     assert sorted(pairs(cases).itertuples(index=False, name=None)) == [
-        ("armature", "nothing"), ("armature", "nothing"), ("lugre", "armature"), ("nothing", "nothing"),
+        ("armature", "nothing"), ("armature", "nothing"), ("lugre", "armature"),
+        ("lugre", "hysteresis_friction"), ("nothing", "nothing"),
         ("nothing", "torque_gain"), ("payload", "link_inertia"), ("payload", "payload"),
         ("viscous_friction", "coulomb_friction"),
     ]  # fmt: skip

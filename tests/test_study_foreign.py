@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_dynamics.loop.model import Model, effect_from_json
+from hybrid_dynamics.effects import Effect, family
+from hybrid_dynamics.loop.model import Model, effect_from_json, effect_to_json
 from hybrid_dynamics.robots import find_description
 from hybrid_dynamics.study.blind import BlindSettings
 from hybrid_dynamics.study.blind_logs import LogSettings, log_settings, noise_level
@@ -79,6 +80,36 @@ def test_two_harmonics_of_a_joint_are_two_ripples_and_one_of_them_is_half_the_tr
         more = said | {"effects": [*said["effects"], wrong | {"confirmed": confirmed}]}
         row = score_blind(case.truth, more, ROBOT, case.train, case.test)
         assert row["nothing_wrong_named"] == (not confirmed)
+
+
+def test_an_effect_named_for_another_law_of_its_own_is_told_apart_from_a_wrong_name():
+    settings = BlindSettings(smallest=6.0, largest=6.0, test=1)
+    log = LogSettings(train=1, test=1, duration=4.0)
+    case = make_foreign(TEXT, ("lugre",), settings, "ur5_m003", "ur5", log)
+    ((joint,),) = [u["joints"] for u in case.truth["unknown_forms"]]
+    size = [1.0] * 6
+
+    def score(name: str, joint: str, *listed: str) -> tuple[str, str, str]:
+        own = [{"effects": [{"effect": other, "joints": [joint]}]} for other in listed]
+        values = dict.fromkeys(family(name).published({}), 1.0)
+        effect = effect_to_json(Effect(name, (joint,), values))
+        said: dict[str, Any] = {
+            "effects": [effect | {"indistinguishable_from": own, "confirmed": True}],
+            "verdict": "explained",
+            "error": {"test": {"after_confirmed": {"rmse": size}}},
+            "error_moving": {"test": {"before": {"rmse": size}, "after_confirmed": {"rmse": size}}},
+            "noise_floor": size,
+        }
+        row = score_blind(case.truth, said, ROBOT, case.train, case.test)
+        assert not row["nothing_wrong_named"]
+        return row["other_laws"], row["stand_ins"], row["wrong"]
+
+    other = next(name for name in ROBOT.joint_names if name != joint)
+    assert score("hysteresis_friction", joint) == (f"hysteresis_friction@{joint}", "", "")
+    assert score("hysteresis_friction", other) == ("", "", f"hysteresis_friction@{other}")
+    assert score("armature", joint) == ("", "", f"armature@{joint}")
+    assert score("coulomb_friction", joint, "hysteresis_friction") == ("", f"coulomb_friction@{joint}", "")
+    assert score("coulomb_friction", joint, "armature") == ("", "", f"coulomb_friction@{joint}")
 
 
 def test_a_case_is_as_large_as_its_truth_says_and_tells_nothing_in_its_name():

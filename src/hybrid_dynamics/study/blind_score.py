@@ -61,6 +61,7 @@ COLUMNS = (
     "within",
     "wrong",
     "stand_ins",
+    "other_laws",
     "alternatives",
     "runs",
     "rate",
@@ -91,7 +92,9 @@ def score_blind(
     they were not all named. Lists, one entry for each hidden effect, are separated by spaces: ``sizes`` in floors of
     what it alone explains (:mod:`.alone`), ``outcomes``, ``parameter_errors``, how many of its published parameters
     have a standard error (``checked``) and lie within two of it (``within``). What is named and was not
-    hidden is ``wrong``, or among the ``stand_ins`` where what was hidden is listed with it as doing as well;
+    hidden is ``wrong``, or among the ``stand_ins`` where what was hidden is listed with it as doing as well, or among
+    ``other_laws`` where a form that the catalogue does not have is another law of that effect (LuGre's friction of
+    presliding hysteresis); ``nothing_wrong_named`` holds where there is none of the three.
     ``alternatives``: how many other explanations are listed.
     """
     runs = [process(t, robot, settings or ProcessSettings()) for t in test]
@@ -103,9 +106,12 @@ def score_blind(
     # Counted: a joint may have two harmonics.
     right = Counter(hidden) <= Counter(named)
     other = list((Counter(named) - Counter(hidden)).elements())
-    stand_ins = [place for place in other if _stands_in(place, hidden, confirmed)]
-    wrong = list((Counter(other) - Counter(stand_ins)).elements())
     unknown = truth.get("unknown_forms", [])
+    causes = _causes(unknown)
+    other_laws = list((Counter(other) & Counter(causes)).elements())
+    rest = list((Counter(other) - Counter(other_laws)).elements())
+    stand_ins = [place for place in rest if _stands_in(place, [*hidden, *causes], confirmed)]
+    wrong = list((Counter(rest) - Counter(stand_ins)).elements())
     outcomes = outcomes_of(hidden, confirmed)
     model = true_model(robot, truth)
     exact, exact_all = moving_rms(model, runs), np.array(errors_of(model, runs)["rmse"])
@@ -157,6 +163,7 @@ def score_blind(
         "within": " ".join(str(n) for _, n in coverage),
         "wrong": _at(wrong),
         "stand_ins": _at(stand_ins),
+        "other_laws": _at(other_laws),
         "alternatives": len({_set(a) for e in confirmed for a in e["indistinguishable_from"]}),
         "runs": truth.get("runs", len(train)),
         "rate": truth.get("rate", 1.0 / train[0].dt),
@@ -202,6 +209,11 @@ def _stands_in(place: Place, hidden: Sequence[Place], named: Sequence[Mapping[st
         _set(a) for e, own in zip(named, places, strict=True) if own == place for a in e["indistinguishable_from"]
     ]
     return any(group & instead and group <= {*hidden, *places} for group in listed)
+
+
+def _causes(unknown: Sequence[Mapping[str, Any]]) -> list[Place]:
+    """The effects, with their joints, that forms which the catalogue does not have are other laws of."""
+    return [(u["of"], tuple(u["joints"])) for u in unknown if u["of"]]
 
 
 def _at(places: Sequence[Place]) -> str:

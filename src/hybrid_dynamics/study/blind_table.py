@@ -43,7 +43,8 @@ def words(value: object) -> list[str]:
 
 
 def clean(cases: pd.DataFrame) -> pd.Series:
-    """Cases in which nothing wrong is named; a name that lists what was hidden as doing as well is not wrong."""
+    """Cases in which nothing wrong is named; a name that lists what was hidden as doing as well is not wrong, and that
+    of an effect of which another law was hidden is not."""
     return cases["wrong"].map(lambda names: not words(names))
 
 
@@ -94,7 +95,7 @@ def pairs(cases: pd.DataFrame) -> pd.DataFrame:
     ``nothing``."""
     rows: list[tuple[str, str]] = []
     for case in cases.to_dict("records"):
-        wrong = [tuple(e.rsplit("@", 1)) for name in ("wrong", "stand_ins") for e in words(case[name])]
+        wrong = [tuple(e.rsplit("@", 1)) for name in ("wrong", "stand_ins", "other_laws") for e in words(case[name])]
         told: set[int] = set()
 
         def instead(joint: str, wrong: list[Any] = wrong, told: set[int] = told) -> list[str]:

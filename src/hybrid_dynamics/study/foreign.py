@@ -26,11 +26,15 @@ Truth = Callable[[Robot, Hidden], list[Effect]]
 
 @dataclass(frozen=True)
 class Recipe:
-    """``name`` of the form, its ``draw``, and ``truth(robot, hidden)``: its effects, none for forms unknown."""
+    """``name`` of the form, its ``draw``, and ``truth(robot, hidden)``: its effects, none for forms unknown.
+
+    ``of``: the effect of the catalogue that an unknown form is another law of; empty where there is none.
+    """
 
     name: str
     draw: Draw
     truth: Truth
+    of: str = ""
 
     @property
     def known(self) -> bool:
@@ -305,12 +309,12 @@ KNOWN = (
 )
 #: Forms that it does not have, or not in the usual form.
 UNKNOWN = (
-    Recipe("lugre", _lugre, _nothing),
+    Recipe("lugre", _lugre, _nothing, of="hysteresis_friction"),
     Recipe("gonthier", _gonthier, _nothing),
     # The catalogue has it as a setting of dry friction; drawn among those that it lacks, since a sharp sign is not it.
     Recipe("tanh", _tanh, _slow_sign),
-    Recipe("stribeck 1/2", _stribeck(0.5), _nothing),
-    Recipe("cubic spring", _stiffness(1.5), _nothing),
+    Recipe("stribeck 1/2", _stribeck(0.5), _nothing, of="stribeck_friction"),
+    Recipe("cubic spring", _stiffness(1.5), _nothing, of="joint_spring"),
     Recipe("two joints", _coupled("two_joints"), _nothing),
 )
 RECIPES = {r.name: r for r in (*KNOWN, *UNKNOWN)}

@@ -107,7 +107,8 @@ def make_foreign(
         "engine": "mujoco",
         "effects": [effect_to_json(e) for e in effects],
         "unknown_forms": [
-            {"form": r, "joints": [] if h.joint is None else [robot.joint_names[h.joint]]} for r, h in unknown
+            {"form": r, "of": RECIPES[r].of, "joints": [] if h.joint is None else [robot.joint_names[h.joint]]}
+            for r, h in unknown
         ],
         "size_over_floor": min(sizes, default=0.0),
         "noise": log.noise,

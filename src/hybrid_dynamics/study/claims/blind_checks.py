@@ -39,7 +39,7 @@ def blind_checks(cases: pd.DataFrame) -> Iterator[Check]:
             yield Check(title, claim, *_counted(int(hits.sum()), len(hits), least), len(hits))
 
     yield from share(
-        "A law that the catalogue does not have is hidden: no wrong name beside an all-clear",
+        "A law that the catalogue does not have is hidden: no name of another effect beside an all-clear",
         ~(said & ~right)[beyond],
         1.0,
     )

@@ -194,9 +194,14 @@ def verdicts(cases: pd.DataFrame) -> str:
         for verdict, own in cases[chosen].groupby("verdict"):
             wrong = int((~clean(own)).sum())
             total = counted(len(own), int(chosen.sum()))
-            rows.append([kind, Cell(escape(str(verdict).replace("_", " ")), "text"), total, str(wrong)])
-    caption = "Verdicts; a wrong name beside an all-clear is the worst that can be said"
-    return table(["Hidden", "Verdict", "Cases", "with a wrong name"], rows, caption) if rows else ""
+            laws = int(own["other_laws"].map(lambda names: bool(words(names))).sum())
+            rows.append([kind, Cell(escape(str(verdict).replace("_", " ")), "text"), total, str(wrong), str(laws)])
+    caption = (
+        "Verdicts; a wrong name beside an all-clear is the worst that can be said. Another law: the effect named is "
+        "the one hidden, with the law that the catalogue has of it (Dahl's where LuGre's was hidden)"
+    )
+    heads = ["Hidden", "Verdict", "Cases", "with a wrong name", "another law named"]
+    return table(heads, rows, caption) if rows else ""
 
 
 def cost(cases: pd.DataFrame) -> str:
