@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from tests.small_arm import arm, noisy_log
 
-from hybrid_dynamics.effects import Effect, Term, family, predict
+from hybrid_dynamics.effects import Effect, State, Term, family, predict
+from hybrid_dynamics.effects.sign import AT_REST
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.alternatives import _several_for_one
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.further import merge_forms
-from hybrid_dynamics.loop.one_for_two import one_for_two
+from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.widen import narrowed, widened
@@ -103,6 +104,29 @@ def test_an_offset_that_acts_at_rest_is_one(acts: bool, seed: int) -> None:
     judge, _, _ = gather(Model(ROBOT), logs, settings)
     judge = judge.adding([OFFSET, DRY, UNEVEN])
     assert one_for_two(judge, [DRY, OFFSET])[1] == ([DRY, OFFSET] if acts else [UNEVEN])
+    # Named as one all the same, the law says of a joint at rest what its rests say.
+    (term,) = with_rest(judge, [UNEVEN])[1]
+    assert (AT_REST in term.options) == acts
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_no_rest_tells_the_middle_of_what_may_hold_a_joint_is_said(seed: int) -> None:
+    judge, _ = _judged(_friction(1.5, 0.5), seed=seed)
+    there, (term,) = with_rest(judge, [UNEVEN])
+    x = there.evidence.fit([term])
+    assert x == pytest.approx(judge.evidence.fit([UNEVEN]), rel=1e-6)
+    # The same torque in motion; at rest that of friction and an offset, half way from one to the other.
+    parameters, settings = term.family().at_term(term, x, ROBOT)
+    speeds = np.array([[0.0, 0.0, 0.0], [-0.5, 0.0, 0.5]])
+    torque = term.family().law(np, State(speeds, speeds, joint=1), parameters, settings)
+    assert torque == pytest.approx([-x[1], 0.5 * (x[0] - x[1]), x[0]])
+    assert with_rest(judge, [DRY, OFFSET])[1] == [DRY, OFFSET]
+    # What the starting model says of it stays.
+    start = Model(ROBOT, (_friction(1.5, 0.5),))
+    loop = LoopSettings()
+    logs = read_motion(ROBOT, [noisy_log([_friction(1.5, 0.5)], k, "train", NOISE) for k in (1, 2)], [], loop)
+    judge, _, _ = gather(start, logs, loop)
+    assert with_rest(judge.adding([UNEVEN]), [UNEVEN])[1] == [UNEVEN]
 
 
 def test_only_plain_effects_of_one_joint_are_listed_for_what_they_make_together() -> None:

@@ -1,6 +1,8 @@
 """Coulomb friction that differs with the direction: tau = Fc+ for dq > 0, -Fc- for dq < 0, both >= 0.
 
-On a moving joint the same as Coulomb friction (Fc+ + Fc-)/2 and an offset (Fc+ - Fc-)/2.
+On a moving joint the same as Coulomb friction (Fc+ + Fc-)/2 and an offset (Fc+ - Fc-)/2. At rest it is no torque, or
+with setting ``at_rest`` ``middle`` that offset: dry friction holds a resting joint at any torque from -Fc- to Fc+, and
+where the runs do not show which, the middle is nearest to all of them.
 """
 
 from __future__ import annotations
@@ -11,7 +13,15 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects.base import Family, Term, register
-from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH, displacement_of, sign_of, width_settings
+from hybrid_dynamics.effects.sign import (
+    AT_REST,
+    MIDDLE,
+    SIGN_DISPLACEMENT,
+    WIDTH,
+    displacement_of,
+    sign_of,
+    width_settings,
+)
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, State
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
@@ -21,7 +31,7 @@ from hybrid_dynamics.types import Array
 class AsymmetricCoulombFriction(Family):
     name = "asymmetric_coulomb_friction"
     scope = "joint"
-    known_settings = (WIDTH, SIGN_DISPLACEMENT)
+    known_settings = (WIDTH, SIGN_DISPLACEMENT, AT_REST)
     equation = r"\tau = F_c^{+}\ (\dot q > 0),\quad \tau = -F_c^{-}\ (\dot q < 0),\quad F_c^{\pm} \ge 0"
     parameters = (Parameter("coulomb_torque_positive", "N m"), Parameter("coulomb_torque_negative", "N m"))
     size = 2
@@ -49,7 +59,8 @@ class AsymmetricCoulombFriction(Family):
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
         sign = sign_of(xp, at.own_dq, settings, at.z)
         up, down = parameters["coulomb_torque_positive"], parameters["coulomb_torque_negative"]
-        return 0.5 * (up + down) * sign + 0.5 * (up - down) * xp.abs(sign)
+        moving = 1.0 if settings.get(AT_REST) == MIDDLE else xp.abs(sign)
+        return 0.5 * (up + down) * sign + 0.5 * (up - down) * moving
 
     def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
         return displacement_of(settings)

@@ -91,6 +91,7 @@ KINDS: Mapping[str, tuple[Check, str]] = {
     "rows": _one_of("own", "both"),
     "sign_of": _one_of("partner", "sum", "difference"),
     "of": _one_of("offset", "coulomb", "viscous"),
+    "at_rest": _one_of("middle"),
     "response": _one_of("delay", "lag"),
     "shape": _one_of("linear", "sine", "piecewise"),
     "knots": (_rising, "positions [rad] that rise, two or more"),

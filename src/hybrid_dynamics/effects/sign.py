@@ -21,6 +21,8 @@ from hybrid_dynamics.effects.state import Settings
 from hybrid_dynamics.types import Array
 
 WIDTH, SIGN_DISPLACEMENT = "sign_width", "sign_displacement"
+#: What a friction that is rougher one way says of a joint at rest, where that is not nothing: between both torques.
+AT_REST, MIDDLE = "at_rest", "middle"
 #: Width [rad/s] beyond which the sign turns over slowly; grids of widths end here.
 SLOW = 0.08
 

@@ -20,7 +20,7 @@ from hybrid_dynamics.loop.further import at_the_end, further_candidates, merge_f
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.noise import noise_floor
-from hybrid_dynamics.loop.one_for_two import one_for_two
+from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
@@ -164,7 +164,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         # It could be when it was named, and no longer can beside what came in since.
         rest = [t for t in chosen if t not in lost]
         judge, chosen = without_noise(*complete(judge, rest, candidates, common))
-    judge, chosen = one_for_two(judge, chosen)
+    judge, chosen = with_rest(*one_for_two(judge, chosen))
     chosen = [*given, *(t for t in chosen if t not in given)]
     fitted = refit(judge.adding(given).evidence, chosen)
     judge, beside = beside_links(judge.over(fitted.evidence), chosen)

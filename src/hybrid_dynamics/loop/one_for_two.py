@@ -3,17 +3,21 @@
 Dry friction and an offset are friction that is rougher one way, by the same two numbers: one cause, so it is the name,
 and both together are listed. Only where the offset acts at rest, too, are they two. At rest dry friction may hold any
 torque, so a single rest says nothing; over many, what is left of the torque is about the offset, or about nothing.
+Where they do not say which, the one cause stands with the middle of what may hold the joint.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term, family
+from hybrid_dynamics.effects.sign import AT_REST, MIDDLE
+from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.types import Array
@@ -38,36 +42,54 @@ def one_for_two(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]
             new, old = (evidence.held(terms, physical=True) for terms in (trial, out))
             if judge.price(*trial) >= judge.price(*out) or not (offered.as_good(new, old) and offered.spares(new, old)):
                 continue
-            if acts_at_rest(judge, out, two):
+            if _at_rest(judge, out, two):
                 continue
             if (there := take(offered, out, trial)) is not None:
                 judge, out = there, trial
     return judge, out
 
 
-def acts_at_rest(judge: Judge, terms: Sequence[Term], two: Sequence[Term]) -> bool:
-    """Whether the constant one of ``two`` of ``terms`` surely acts where their joint rests: without ``two``, what is
-    left of the torque at rest is nearer to it than to nothing (Student's t over the rests)."""
-    constant = next((t for t in two if t.family().like_weight), None)
-    if constant is None:
-        return False
-    evidence = judge.evidence
-    x, layout, joint = evidence.fit(terms), evidence.layout(terms), constant.index
+def with_rest(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with friction that is rougher one way holding a joint at rest where it stands, between both of its
+    torques, unless the rests of these runs surely say that nothing acts then; and the judge there."""
+    out = list(chosen)
+    for i, term in enumerate(chosen):
+        known = AT_REST in term.family().known_settings and AT_REST not in term.options
+        if known and not judge.evidence.in_base(term) and _at_rest(judge, chosen, [term]) is not False:
+            out[i] = replace(term, settings=tuple(sorted({**term.options, AT_REST: MIDDLE}.items())))
+    return judge.adding(out).at(out), out
+
+
+def _at_rest(judge: Judge, terms: Sequence[Term], own: Sequence[Term]) -> bool | None:
+    """Whether the constant part of ``own`` effects of a joint, of all ``terms``, surely acts where the joint rests or
+    surely does not: without them, what is left of the torque at rest is nearer to it, or to nothing (Student's t over
+    the rests). None where it cannot be told, or there is none."""
+    evidence, joint = judge.evidence, own[0].index
+    x, layout = evidence.fit(terms), evidence.layout(terms)
     places = dict(zip(layout.terms, layout.starts, strict=True))
-    offset, rest = float(x[places[constant]]), x.copy()
-    for term in two:
-        rest[places[term] : places[term] + term.size] = 0.0
-    left = evidence.residuals(terms, rest)
+    offset, without = 0.0, x.copy()
+    for term in own:
+        part = slice(places[term], places[term] + term.size)
+        offset += _constant(evidence, term, x[part])
+        without[part] = 0.0
+    left = evidence.residuals(terms, without)
     means = [
-        float(own[rows, joint].mean())
-        for run, own in zip(evidence.runs, left, strict=True)
+        float(residual[rows, joint].mean())
+        for run, residual in zip(evidence.runs, left, strict=True)
         for rows in _rests(run.time, np.abs(run.dq[:, joint]) < judge.settings.process.slow_speed)
     ]
-    if len(means) < 2:
-        return False
+    if len(means) < 2 or offset == 0.0:
+        return None
     nearer = np.sign(offset) * np.array(means) - abs(offset) / 2
     level = float(student.ppf(1.0 - judge.settings.confirmation, len(means) - 1))
-    return bool(nearer.mean() > level * nearer.std(ddof=1) / np.sqrt(len(means)))
+    surely = bool(abs(nearer.mean()) > level * nearer.std(ddof=1) / np.sqrt(len(means)))
+    return bool(nearer.mean() > 0) if surely else None
+
+
+def _constant(evidence: Evidence, term: Term, x: Array) -> float:
+    """The constant torque [N m] that coordinates ``x`` (p,) of ``term`` make while its joint moves."""
+    kind = term.family()
+    return kind.in_descriptions(kind.parameters_of(x, evidence.robot, term), term.options).get("offset", 0.0)
 
 
 def _rests(time: Array, slow: NDArray[np.bool_]) -> list[slice]:
