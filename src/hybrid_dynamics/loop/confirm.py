@@ -34,12 +34,17 @@ class TestChange:
 
 
 def test_change(judge: Judge, tests: Sequence[Run], full: Model, without: Model, names: int) -> TestChange:
-    """Compare two models on ``tests``, over rows in which the joint moves, weighted as the fit was.
+    """Compare two models on ``tests``, over rows in which the joint moves.
 
+    A joint counts by what both leave of it, or by its floor where they leave less: by floors alone one whose floor is
+    tiny, and whose misfit is many of these, would speak for all the others.
     ``names``: how many are asked; of so many, one is contradicted by chance no more often than a single one would be.
     """
     new, old = (moving_errors(m, tests) for m in (full, without))
-    return change_of(judge, new, old, tests, judge.evidence.weights, names)
+    left = np.sum([0.5 * np.sum(e**2, axis=0) for part in (new, old) for e in part], axis=0)
+    counted = np.maximum(left, judge.floor**2 * np.sum([run.mask.sum(axis=0) for run in tests], axis=0))
+    weights = np.where(judge.evidence.weights > 0, 1.0 / np.maximum(counted, 1e-300), 0.0)
+    return change_of(judge, new, old, tests, weights, names)
 
 
 def moving_errors(model: Model, runs: Sequence[Run]) -> list[Array]:
