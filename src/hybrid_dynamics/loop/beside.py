@@ -40,28 +40,41 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
     return _held(judge, alike)
 
 
-def beside_names(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+def beside_names(
+    judge: Judge, model: Sequence[Term], candidates: Sequence[Term], unsure: Sequence[Term] = ()
+) -> tuple[Judge, list[Term]]:
     """Of friction, offset and armature what ``model`` lacks and held-out rows miss, too little to be named, on joints
     on which something is left to find; and the judge who has their columns. None where nothing is named.
 
-    Every joint by itself, the best first, each by the rule by which a search takes it.
+    What a search had found and was too ``unsure`` to be kept comes back where all of it together is missed: one by one
+    each can stand for another. Then every joint by itself, the best first, each by the rule by which a search takes it.
     """
     current = list(model)
     if not current:
         return judge, []
     plain = on_every_joint(candidates)
+    left = judge.above_floor(judge.evidence.held(current, physical=True))
+    judge, group = _held(judge, [t for t in unsure if left[t.index] and not _makes(current, t.effect, t.index)])
+    if len(group) > 1 and _missed(judge, current, group):
+        current += group
     for joint in np.flatnonzero(judge.above_floor(judge.evidence.held(current, physical=True))):
         missing = [t for t in plain if t.joint == joint and not has_family(current, t.effect, int(joint))]
         judge, free = _held(judge, missing)
         while free:
-            held = judge.evidence.held
-            best = min(free, key=lambda t: (held([*current, t]).score, repr(t)))
-            after = held([*current, best], physical=True)
-            if judge.reason(best, judge.gain(after, held(current, physical=True)), after) != ACCEPTED:
+            best = min(free, key=lambda t: (judge.evidence.held([*current, t]).score, repr(t)))
+            if not _missed(judge, current, [best]):
                 break
             current.append(best)
             free.remove(best)
     return judge, current[len(model) :]
+
+
+def _missed(judge: Judge, current: Sequence[Term], group: Sequence[Term]) -> bool:
+    """True where held-out rows miss ``group`` in ``current`` as a search asks for, for one of it at least."""
+    held = judge.evidence.held
+    after = held([*current, *group], physical=True)
+    gain = judge.gain(after, held(current, physical=True))
+    return any(judge.reason(term, gain, after) == ACCEPTED for term in group)
 
 
 def wanted(chosen: Sequence[Term]) -> bool:

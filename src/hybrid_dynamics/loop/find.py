@@ -148,7 +148,9 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     if any(not s.family().everywhere for s in chosen if s not in kept):
         # What goes had stood for plain friction, too: of that joint it has not been asked.
         judge, kept = without_noise(*complete(judge, kept, candidates, common))
-    judge, kept = without_noise(*choose_signs(*gain_for_links(judge, kept)), sure=True)
+    judge, found = choose_signs(*gain_for_links(judge, kept))
+    judge, kept = without_noise(judge, found, sure=True)
+    unsure = [t for t in found if t not in kept and t.family().everywhere]
     judge, chosen = widened(judge, kept)
     judge, chosen, further = _as_few_bodies(judge, chosen, candidates, looked, report)
     steps += further
@@ -168,8 +170,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     chosen = [*given, *(t for t in chosen if t not in given)]
     fitted = refit(judge.adding(given).evidence, chosen)
     judge, beside = beside_links(judge.over(fitted.evidence), chosen)
-    judge, unsure = beside_names(judge, [*chosen, *beside], candidates)
-    return Found(chosen, fitted.x, [], steps, [], judge, start, [*beside, *unsure])
+    judge, guessed = beside_names(judge, [*chosen, *beside], candidates, unsure)
+    return Found(chosen, fitted.x, [], steps, [], judge, start, [*beside, *guessed])
 
 
 def with_contacts(found: Found, logs: Logs) -> Found:
