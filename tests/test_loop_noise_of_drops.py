@@ -130,6 +130,24 @@ def test_a_name_that_spoils_one_far_run_is_contradicted() -> None:
     assert np.all(change_on_tests(judge, tests, bare, bare, 1).per_joint == 0.0)
 
 
+def test_a_joint_whose_floor_is_tiny_does_not_speak_for_the_others() -> None:
+    spring = Effect("joint_spring", (SHOULDER,), {"stiffness": 2.0, "rest_position": 0.0}, {"shape": "linear"})
+    # What comes with it at the elbow is wrong: about as much as the noise there, many times what its floor was said to
+    # be.
+    drag = Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.02})
+    judge, _ = judged([spring])
+    blind = replace(judge, floor=judge.floor * np.array([1.0, 1e-4]))
+    blind = replace(blind, evidence=blind.evidence.weigh(blind.floor))
+    full, bare = Model(ROBOT).adding([spring, drag]), Model(ROBOT)
+    change = change_on_tests(blind, judge.evidence.runs, full, bare, 1)
+    assert change.per_joint[0] < -0.5
+    assert change.per_joint[1] > 0.2
+    assert not change.contradicts
+    assert change.relative < 0
+    # Control: what spoils one joint and helps none is contradicted.
+    assert change_on_tests(blind, judge.evidence.runs, Model(ROBOT).adding([drag]), bare, 1).contradicts
+
+
 def test_an_effect_that_helps_its_joint_is_not_contradicted_by_another_joint(monkeypatch: pytest.MonkeyPatch) -> None:
     judge, terms = judged([])
     friction, body = plain("viscous_friction", 1, terms), Term("link_mass", 1)
