@@ -57,3 +57,24 @@ def test_a_slow_curve_and_noise_are_no_wave_and_its_double(seed: int) -> None:
     left = [np.column_stack([0.5 * m.q[:, 0] ** 2] * 2) + NOISE * rng.normal(size=m.q.shape) for m in motions]
     found = _proposed(motions, left)
     assert not any(abs(b - 2 * a) < 0.2 for a in found for b in found)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("second", [0.0, 0.6])
+def test_two_periods_within_the_range_are_a_ripple_and_fewer_are_none(second: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    time = np.arange(4000) / 100.0
+    q = -1.0 + 0.72 * np.sin(2 * np.pi * np.array([0.11, 0.13]) * time[:, None] + rng.uniform(0, 6, 2))
+    motion = Motion(ROBOT, time, q, np.gradient(q, 0.01, axis=0), np.zeros_like(q))
+    least = 4 * np.pi / np.ptp(q[:, 0])
+    phases = rng.uniform(0, 2 * np.pi, 2)
+
+    def found(harmonic: float) -> list[float]:
+        wave = np.sin(harmonic * q[:, 0] + phases[0]) + second * np.sin(2 * harmonic * q[:, 0] + phases[1])
+        return _proposed([motion], [np.column_stack([wave, 0 * wave]) + NOISE * rng.normal(size=q.shape)])
+
+    near = found(1.02 * least)
+    for true in (1.02 * least, 2.04 * least) if second else (1.02 * least,):
+        assert np.min(np.abs(np.array(near) - true)) < 0.02 * true
+    # Control: what has fewer is the foot of something slower.
+    assert not any(abs(n - 0.7 * least) < 0.2 * least for n in found(0.7 * least))

@@ -25,6 +25,8 @@ class Declared:
     momentary: ClassVar[bool] = False
     #: A joint effect that may also be one for all joints together (no joint is named then).
     shared: ClassVar[bool] = False
+    #: Changes so fast that it can pass for noise: proposed on every joint that moves, whatever seems to be left.
+    like_noise: ClassVar[bool] = False
     #: Several of it may sit on one joint (see :meth:`.Family.place`).
     several: ClassVar[bool] = False
     #: Families that this one holds as a special case (:meth:`.Family.covers`): they go from its joint when it comes.

@@ -62,7 +62,7 @@ def spectrum(
         np.polynomial.chebyshev.chebvander(2 * (middle - middle[0]) / span - 1, _DEGREE) * root[:, None]
     )[0]
     rest = root * mean - slow @ (slow.T @ (root * mean))
-    lowest = 2 * np.pi * _PERIODS / span
+    lowest = _least(q)
     top = min(highest / max(multiples), np.pi * 0.25 * len(middle) / span)
     harmonics = np.arange(lowest, max(top, lowest), np.pi / (2 * span)) if asked is None else asked
     power = float(rest @ rest)
@@ -93,6 +93,7 @@ class TorqueRipple(Family):
     size = 2
     searched = False
     several = True
+    like_noise = True
     nonlinear_settings = (Refined(HARMONIC, 0.5, 200.0, log=False),)
     drawn_against = "q"
     shown_by = "the joint moves slowly and evenly over its whole range, in both directions"
@@ -141,6 +142,11 @@ class TorqueRipple(Family):
         return self.at(int(rng.choice(np.flatnonzero(moving))), float(rng.integers(6, 30)))
 
 
+def _least(q: Array) -> float:
+    """The lowest harmonic [1/rad] of a ripple: so many periods lie within the range of positions ``q`` (T,)."""
+    return 2 * np.pi * _PERIODS / float(np.ptp(q))
+
+
 def _prominent(q: Array, left: Array) -> list[float]:
     """Harmonics [1/rad] that stand out of what is ``left`` (T,) [N m] over the positions ``q`` (T,)."""
     harmonics, share = spectrum(q, left)
@@ -148,18 +154,23 @@ def _prominent(q: Array, left: Array) -> list[float]:
         return []
     twice, both = spectrum(q, left, multiples=(1, 2))
     top = int(np.argmax(both)) if len(both) else 0
+    lowest = _least(q)
     # Teeth and poles make a wave and its double; where both are large neither stands out alone.
-    if top > 0 and both[top] > _PROMINENCE * np.median(both) and 1.0 - both[top] < _DOUBLE * (1.0 - share.max()):
+    if len(both) and both[top] > _PROMINENCE * np.median(both) and 1.0 - both[top] < _DOUBLE * (1.0 - share.max()):
         n = _sharper(q, left, float(twice[top]), (1, 2))
-        return [n, 2.0 * n]
+        if n >= lowest:
+            return [n, 2.0 * n]
     out: list[float] = []
     level = float(np.median(share))
     for _ in range(_OFFERED):
-        # The foot of something slower, fewer than two periods over the range, is no harmonic of a ripple.
-        if share.max() < max(_PROMINENCE * level, 1e-3) or (top := int(np.argmax(share))) == 0:
+        if share.max() < max(_PROMINENCE * level, 1e-3):
             break
-        n = float(harmonics[top])
-        out.append(_sharper(q, left, n, (1,)))
+        n = float(harmonics[int(np.argmax(share))])
+        sharp = _sharper(q, left, n, (1,))
+        # The foot of something slower, fewer than two periods over the range, is no harmonic of a ripple.
+        if sharp < lowest:
+            break
+        out.append(sharp)
         share = np.where(np.abs(harmonics - n) < 2 * np.pi / float(np.ptp(q)), 0.0, share)
     return out
 

@@ -10,6 +10,7 @@ import numpy as np
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
 from hybrid_dynamics.loop.beside import beside_links, beside_names, wanted
+from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.contact import named as named_contacts
 from hybrid_dynamics.loop.contact import run_by_run, worse_with
@@ -110,19 +111,26 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, lower = _lower_floor(judge, chosen)
         if lower is None:
             break
-        judge = replace(judge, floor=lower, evidence=judge.evidence.weigh(lower))
-        judge, further = search(judge, candidates, report, chosen)
+        judge, further = search(_weighed(judge, lower), candidates, report, chosen)
         steps += further
         chosen = list(further[-1].terms)
-    # Another form of what has been looked for already is new, too.
-    judge, offered = further_candidates(judge, chosen)
-    candidates = [*candidates, *offered]
-    if offered:
+    # A fast ripple has passed for noise until it is found: what it had drowned is asked for then.
+    lower = None
+    for left in reversed(range(1 + MOST_WEIGHINGS)):
+        judge, offered = further_candidates(judge, chosen)
+        if not offered and lower is None:
+            break
+        # Another form of what has been looked for already is new, too.
+        candidates = [*candidates, *offered]
         looked = len({s.place for s in candidates})
         there, found, further = _refined(judge, chosen, candidates, report)
         steps += further
         # A way of many steps, each as good as the one before, may end far below where it began.
         judge, chosen = choose([(there, found), (judge, chosen)])
+        judge, lower = _lower_floor(judge, chosen) if left else (judge, None)
+        if lower is None:
+            break
+        judge = _weighed(judge, lower)
     judge, chosen = _in_simplest_form(judge, chosen, candidates)
     held = judge.evidence.held(chosen, physical=True)
     if len(judge.evidence.runs) > 1 and judge.above_floor(held).any():
@@ -160,6 +168,11 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     # What is left now beside a body may show that less than a body does, and that what had balanced it is nothing.
     bodies = chosen
     judge, chosen = simplify_bodies(judge, bodies, candidates)
+    judge, plainer = cheaper(judge, chosen)
+    if plainer != chosen:
+        # What had balanced the costlier law on other joints need not be sure any more.
+        judge, chosen, _, further = keep_sure(judge, plainer, looked, report)
+        steps += further
     if chosen != bodies:
         judge, chosen = without_noise(judge, chosen, sure=True)
     if lost := impossible(judge, chosen):
@@ -287,6 +300,11 @@ def _both_ends(
     ends = [(here, nothing[-1].terms), *([(there, everything[-1].terms)] if everything else [])]
     judge, chosen = choose(ends)
     return judge, chosen, nothing if list(nothing[-1].terms) == chosen else everything
+
+
+def _weighed(judge: Judge, floor: Array) -> Judge:
+    """``judge`` who weighs joints by ``floor`` (n,) [N m]."""
+    return replace(judge, floor=floor, evidence=judge.evidence.weigh(floor))
 
 
 def _lower_floor(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, Array | None]:

@@ -48,7 +48,8 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, lis
     # So may a law of one joint with several numbers for the one that its family says it is like.
     flexible = [s for s in chosen if s.joint is not None and s.size > 1 and s not in bodies and s.family().searched]
     curved = np.isin(np.arange(evidence.n), [s.index for s in flexible]) & (judge.floor > 0)
-    if not np.any(left | bodily | curved) or not settings.further:
+    hidden = (judge.floor > 0) & any(family(name).like_noise for name in settings.further)
+    if not np.any(left | bodily | curved | hidden):
         return judge, []
     motions, rest = [], []
     for run, r in zip(evidence.runs, residual, strict=True):
@@ -63,6 +64,7 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, lis
         where = where | np.isin(np.arange(evidence.n), [s.index for s in flexible if _alike(s, name)])
         if where.any():
             terms += kind.terms(evidence.robot, where, settings.options)
+        if (where := where | hidden if kind.like_noise else where).any():
             terms += kind.propose([run.name for run in evidence.runs], motions, rest, where)
     few = [s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS]
     terms = [s for s in few if not evidence.has(s)]
@@ -165,7 +167,7 @@ def merge_forms(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]
         trials = [joined(rest, c) for c in forms]
         judge = judge.adding(forms)
         trials = sorted(trials, key=lambda t: (judge.evidence.held(t).score, repr(t[-1])))
-        judge, out = _first_as_good(judge, out, trials)
+        judge, out = first_as_good(judge, out, trials)
     return judge, out
 
 
@@ -179,11 +181,11 @@ def simplify_bodies(judge: Judge, chosen: Sequence[Term], candidates: Sequence[T
     judge = judge.at(out)
     for i in [i for i, term in enumerate(out) if term.family().contains and term.family().is_body]:
         judge, trials = _trials(judge, out, i, candidates)
-        judge, out = _first_as_good(judge, out, _best_of_each(judge, trials, i))
+        judge, out = first_as_good(judge, out, _best_of_each(judge, trials, i))
     return judge, out
 
 
-def _first_as_good(judge: Judge, chosen: list[Term], trials: Sequence[list[Term]]) -> tuple[Judge, list[Term]]:
+def first_as_good(judge: Judge, chosen: list[Term], trials: Sequence[list[Term]]) -> tuple[Judge, list[Term]]:
     """The first of ``trials`` that is as good as ``chosen`` where its own re-fit stands, else ``chosen``; and the judge
     there."""
     for trial in trials:

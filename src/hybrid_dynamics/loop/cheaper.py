@@ -1,0 +1,62 @@
+"""An effect of fewer numbers in the place of one that its family, or its own, is said to be alike to.
+
+A search takes what predicts best, and a law of three numbers predicts a little better than the one of one number that
+is there: a link's centre of mass where its joint's zero is wrong. What holds another as a special case is given back
+to it elsewhere (:func:`.further.simplify`); these do not hold each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from hybrid_dynamics.effects import Family, Term, family
+from hybrid_dynamics.loop.further import first_as_good
+from hybrid_dynamics.loop.trace import Judge, same_place
+
+
+def cheaper(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with every effect of a joint in the form of another that it is alike to, that costs less and predicts
+    held-out rows as well where its own re-fit stands; and the judge there. The cheapest first.
+
+    What the starting model has stays as it is: what is found then is its change.
+    """
+    out = list(chosen)
+    judge = judge.at(out)
+    for term in chosen:
+        if term.joint is None or judge.evidence.in_base(term):
+            continue
+        rest = [t for t in out if t != term]
+        offered = [c for c in _alike(judge, term) if not any(same_place(c, t) for t in rest)]
+        offered = [c for c in offered if judge.price(c) < judge.price(term)]
+        if not offered:
+            continue
+        judge = judge.adding(offered)
+        held = judge.evidence.held
+        trials = [[c if t == term else t for t in out] for c in offered]
+        trials.sort(key=lambda trial: (judge.price(*trial), held(trial, physical=True).score, repr(trial)))
+        judge, out = first_as_good(judge, out, trials)
+    return judge, out
+
+
+def _alike(judge: Judge, term: Term) -> Iterator[Term]:
+    """Terms on the joint of ``term`` of families that say of it, or of which it says, that both make one torque; of a
+    body, or of its mass or centre alone.
+
+    None with parameters to refine: on a coarse grid they are not what they could be.
+    """
+    own = term.family()
+    parts = [own, *(family(name) for name in own.contains if own.is_body)]
+    here = np.arange(judge.evidence.n) == term.joint
+    for name in (*judge.settings.families, *judge.settings.further):
+        kind = family(name)
+        if kind.nonlinear_settings or kind.several:
+            continue
+        if not any(_says(kind, part.name) or _says(part, name) for part in parts):
+            continue
+        yield from (c for c in kind.terms(judge.evidence.robot, here, judge.settings.options) if c.joint == term.joint)
+
+
+def _says(kind: Family, name: str) -> bool:
+    return any(known.effects == (name,) for known in kind.equivalent_to)

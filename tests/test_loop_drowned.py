@@ -1,0 +1,103 @@
+"""What a fast ripple drowns is found once that is there; what a costlier law stands for is asked in its place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from tests.small_arm import arm, noisy_log
+
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop.cheaper import cheaper
+from hybrid_dynamics.loop.find import find
+from hybrid_dynamics.loop.further import EXCESS, further_candidates
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.search import Step
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.widen import narrowed
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+NOISE = 0.1
+
+
+def judged(*hidden: Effect, seed: int = 1) -> tuple[Judge, list[Term]]:
+    settings = LoopSettings()
+    train = [noisy_log(hidden, seed + k, "train", NOISE) for k in (0, 1)]
+    logs = read_motion(ROBOT, train, [noisy_log(hidden, seed + 50, "test", NOISE)], settings)
+    judge, terms, _ = gather(Model(ROBOT), logs, settings)
+    return judge, terms
+
+
+def silent(step: Step) -> None:
+    """Nobody looks on."""
+
+
+def ripple(amplitude: float, harmonic: float) -> Effect:
+    values = {"amplitude": amplitude, "harmonic": harmonic, "phase": 0.4}
+    return Effect("torque_ripple", (ELBOW,), values)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_friction_that_a_ripple_had_drowned_is_named_beside_it(seed: int) -> None:
+    friction = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 0.3})
+    judge, terms = judged(friction, ripple(4.0, 30.0), seed=seed)
+    # Of what the ripple makes the friction is nothing that matters.
+    assert judge.floor[1] > 5 * 0.3
+    found = find(judge, terms, silent)
+    assert sorted(t.effect for t in found.terms if t.joint == 1) == ["coulomb_friction", "torque_ripple"]
+    assert found.judge.floor[1] < 2 * NOISE
+    # Control: without it there is the ripple alone.
+    found = find(*judged(ripple(4.0, 30.0), seed=seed), silent)
+    assert [t.effect for t in found.terms] == ["torque_ripple"]
+
+
+def test_a_ripple_is_proposed_where_all_of_it_passes_for_noise() -> None:
+    def slow(*hidden: Effect) -> tuple[Judge, list[Term]]:
+        """A log so slow that a filter's window holds a period, and what is offered."""
+        logs = [noisy_log(hidden, k, "train", NOISE) for k in (1, 2)]
+        logs = [replace(r, time=r.time[::3], signals={k: v[::3] for k, v in r.signals.items()}) for r in logs]
+        judge, _, _ = gather(Model(ROBOT), read_motion(ROBOT, logs, [], LoopSettings()), LoopSettings())
+        return judge, further_candidates(judge, [])[1]
+
+    judge, offered = slow(ripple(1.0, 30.0))
+    assert judge.mean_square(judge.evidence.held([]))[1] < (1.0 + EXCESS) * judge.low[1] ** 2
+    assert any(t.effect == "torque_ripple" and abs(t.options["harmonic"] - 30.0) < 0.1 for t in offered)
+    # Control: where there is none noise proposes no such wave.
+    _, offered = slow()
+    assert not any(t.effect == "torque_ripple" and abs(t.options["harmonic"] - 30.0) < 0.5 for t in offered)
+
+
+ZERO, CENTRE = Term("position_offset", 1), Term("link_com", 1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wrong_zero_is_named_and_not_the_centre_of_its_link(seed: int) -> None:
+    judge, _ = judged(Effect("position_offset", (ELBOW,), {"offset": 0.03}), seed=seed)
+    judge = judge.adding([CENTRE, ZERO])
+    assert cheaper(judge, [CENTRE])[1] == [ZERO]
+    # A body of ten numbers that holds such a centre, too.
+    body = Term("link_inertia", 1)
+    assert cheaper(judge.adding([body]), [body])[1] == [ZERO]
+    # Control: a link's centre that no turn of the joint makes stays.
+    far = Effect("link_com", (ELBOW,), {"com_x": 0.0, "com_y": 0.0, "com_z": 0.35})
+    judge, _ = judged(far, seed=seed)
+    assert cheaper(judge.adding([CENTRE, ZERO]), [CENTRE])[1] == [CENTRE]
+
+
+def test_a_change_of_the_starting_model_is_not_made_another_effect() -> None:
+    start = Model(ROBOT, (Effect("link_com", (ELBOW,), {"com_x": 0.01, "com_y": 0.0, "com_z": 0.2}),))
+    settings = LoopSettings()
+    hidden = [Effect("position_offset", (ELBOW,), {"offset": 0.03})]
+    logs = read_motion(ROBOT, [noisy_log(hidden, k, "train", NOISE) for k in (1, 2)], [], settings)
+    judge, _, _ = gather(start, logs, settings)
+    assert cheaper(judge.adding([CENTRE, ZERO]), [CENTRE])[1] == [CENTRE]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_centre_of_the_last_link_that_no_payload_makes_stands_for_all_links(seed: int) -> None:
+    # Nearer to the joint than the URDF says: a payload would have to weigh less than nothing.
+    judge, terms = judged(Effect("link_com", (ELBOW,), {"com_x": 0.0, "com_y": 0.0, "com_z": 0.13}), seed=seed)
+    links = [t for t in terms if t.family().all_links]
+    assert narrowed(judge.at(links), links)[1] == [CENTRE]
