@@ -69,6 +69,19 @@ def test_a_ripple_is_proposed_where_all_of_it_passes_for_noise() -> None:
     assert not any(t.effect == "torque_ripple" and abs(t.options["harmonic"] - 30.0) < 0.5 for t in offered)
 
 
+def test_a_gain_and_a_spring_of_one_joint_are_offered_though_the_gain_alone_is_nothing() -> None:
+    spring = Effect("joint_spring", (ELBOW,), {"stiffness": 1.5, "rest_position": 0.5}, {"shape": "linear"})
+    gain = Effect("torque_gain", (ELBOW,), {"gain": 1.37})
+    judge, terms = judged(spring, gain)
+    offset = next(t for t in terms if t.effect == "torque_offset" and t.joint == 1)
+    held = judge.adding([Term("torque_gain", 1)]).at([offset]).evidence.held
+    assert held([offset, Term("torque_gain", 1)]).score >= held([offset]).score
+    _, offered = further_candidates(judge.at([offset]), [offset])
+    assert {"torque_gain", "joint_spring"} <= {t.effect for t in offered if t.joint == 1}
+    found = find(*judged(spring, gain), silent)
+    assert sorted(t.effect for t in found.terms) == ["joint_spring", "torque_gain"]
+
+
 ZERO, CENTRE = Term("position_offset", 1), Term("link_com", 1)
 
 

@@ -51,7 +51,7 @@ def _alike(judge: Judge, term: Term) -> Iterator[Term]:
     here = np.arange(judge.evidence.n) == term.joint
     for name in (*judge.settings.families, *judge.settings.further):
         kind = family(name)
-        if kind.nonlinear_settings or kind.several:
+        if kind.nonlinear_settings or kind.several or name in own.contains:
             continue
         if not any(_says(kind, part.name) or _says(part, name) for part in parts):
             continue
