@@ -1,10 +1,15 @@
 """Does the torque fit the motion? Each fault is told as itself, and what is no fault passes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hybrid_dynamics.check import checked
-from hybrid_dynamics.check.columns import standing
+from hybrid_dynamics.check.columns import columns_of, standing
+from hybrid_dynamics.check.guess import Guess
+from hybrid_dynamics.check.order import places
+from hybrid_dynamics.check.samples import stretches
 from hybrid_dynamics.check.torque import check_torque, outvoted
 from hybrid_dynamics.effects import Effect, predict
 from hybrid_dynamics.errors import InputError
@@ -228,6 +233,33 @@ def test_a_wrist_that_turns_with_its_neighbour_is_not_refused_as_exchanged():
     exchanged = run.with_signals(q=run["q"][:, [0, 1, 2, 3, 5, 4]])
     findings, _ = check_torque(ur10, [exchanged])
     assert [(f.severity, f.code, f.joint) for f in findings] == [("hard", "joint_order", second)]
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_a_joint_that_a_coupling_explains_is_not_refused_whose_neighbour_is_right_as_it_stands(moved):
+    ur10 = Robot.from_urdf(find_description("ur_description/urdf/ur10_joint_limited_robot.urdf"))
+    second, third = ur10.joint_names[4:]
+    law = {"viscous_coefficient": 2.0, "coulomb_torque": 3.0, "armature": 0.0}
+    own = Effect("viscous_friction", (third,), {"viscous_coefficient": 0.8})
+    coupling = Effect("joint_coupling", (second,), law, {"from_joint": third, "rows": "own", "sign_of": "partner"})
+    coupled = excitation(ur10, [coupling, own], duration=8.0, rate=200.0)
+    # As short runs say it by chance: the neighbour's motion explains the second joint better, the third is explained.
+    order = (0, 1, 2, 3, 5, 4)
+    told = Guess(standing(ur10), (1,) * 6, tuple(range(6)), None, None, 1.0, (-4.0,) * 4 + (-0.1, -3.0), 0.0)
+    best = replace(told, scores=(-4.0,) * 4 + (-3.0, -3.0), price=1.4)
+    best = replace(best, source=order) if moved else replace(best, swap=(4, 5))
+
+    def said(run: Trajectory, told: Guess = told) -> list[tuple[str, str]]:
+        found = places(ur10.joint_names, told, best, columns_of(ur10, stretches([run])))
+        return [(f.severity, f.joint) for f in found]
+
+    assert said(coupled) == [("warning", second)]
+    # Controls: neither is explained as it stands; and friction of its own is no coupling.
+    assert said(coupled, replace(told, scores=(-4.0,) * 4 + (-0.1, -0.1))) == [("hard", second)]
+    exchanged = excitation(ur10, [own], duration=8.0, rate=200.0)
+    names = ("q", "dq") if not moved else ("tau",)
+    exchanged = exchanged.with_signals(**{n: exchanged[n][:, list(order)] for n in names if n in exchanged})
+    assert said(exchanged) == [("hard", second)]
 
 
 def test_what_no_run_explains_accuses_no_single_run():

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from hybrid_dynamics.check.columns import columns_of
-from hybrid_dynamics.check.forms import Forms
+from hybrid_dynamics.check.forms import FLOOR, Forms
 from hybrid_dynamics.check.samples import Stretch
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
@@ -28,6 +28,14 @@ SAME_MOUNTING = np.deg2rad(15.0)
 PACES = (1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3)
 #: Rows on which exchanged positions are tried, and the share a joint must leave unexplained before they are.
 SWAP_ROWS, UNEXPLAINED = 2000, 0.3
+#: A joint counts as explained where a guess leaves less than this share of its torque's mean square.
+EXPLAINED = 0.6
+#: The sign of one joint's torque is surely wrong only where the other one leaves less than this share.
+SETTLED = 0.2
+#: A guess changes a joint where its score (natural logarithm of the mean square left) differs by this much.
+CHANGED = 0.05
+#: A guess that gains this much beyond its price (natural logarithm of mean squares) is certain, less is a warning.
+CERTAIN = 0.5
 
 
 @dataclass(frozen=True)
@@ -69,6 +77,23 @@ def best_guess(robot: Robot, parts: Sequence[Stretch], forms: Forms, gravity: Ar
     if np.exp(max(best.scores)) > UNEXPLAINED and n > 1:
         best = min([best, *_rearranged(robot, parts, told, best)], key=lambda guess: guess.total)
     return told, best
+
+
+def left_of(score: float) -> float:
+    """Share of a joint's mean square that a guess of this ``score`` leaves."""
+    return max(float(np.exp(score)) - FLOOR, 0.0)
+
+
+def is_certain(told: Guess, best: Guess) -> bool:
+    """Whether ``best`` gains more than its price and :data:`CERTAIN`."""
+    return told.total - best.total >= CERTAIN
+
+
+def shares_of(told: Guess, best: Guess, joints: Sequence[int]) -> str:
+    """What both leave of the worst of ``joints``, as a clause."""
+    before = max(left_of(told.scores[j]) for j in joints)
+    after = max(left_of(best.scores[j]) for j in joints)
+    return f"unexplained {before:.0%} of the mean square as it stands, {after:.0%} so"
 
 
 def angle(a: Array, b: Array) -> float:

@@ -1,7 +1,8 @@
-"""Does a spring explain what looks like a sign turned round?
+"""Does a spring explain what looks like a sign turned round, or a coupling what looks like columns exchanged?
 
 A strong spring on a joint, a counterbalance say, pulls against gravity: torque or position turned round then leave
-little, and the log is right as it is. Friction tells: of a torque that is turned round it would drive the joint.
+little, and the log is right as it is. Friction tells: of a torque that is turned round it would drive the joint. Where
+a gear lets the torque of one joint follow the motion of another, as in many wrists, the first seems to be the other's.
 """
 
 from __future__ import annotations
@@ -16,6 +17,28 @@ from hybrid_dynamics.types import Array
 POWERS = (1, 2, 3)
 #: Friction that drives speaks where it makes this share of the torque's mean square.
 SPEAKS = 0.01
+#: Between these multiples of its description a coupled joint's own rigid-body torque must be.
+AS_DESCRIBED = (0.5, 2.0)
+
+
+def coupling_leaves(columns: Columns, gravity: Array, j: int, k: int) -> float:
+    """Share of the mean square of the torque of joint ``j`` that is left with friction and inertia of joint ``k`` in
+    it, too; 1 where that is no coupling: the rigid robot as it is described, under ``gravity`` (3,) [m/s^2], would not
+    be in it any more (:data:`AS_DESCRIBED`)."""
+    torque = columns.tau[:, j] - columns.tau[:, j].mean()
+    power = float(torque @ torque)
+    if power <= 0:
+        return 1.0
+    together = np.sign(columns.dq[:, j] + columns.dq[:, k])
+    rigid = columns.motion[:, j] + columns.gravity[:, j] @ gravity
+    table = np.column_stack([rigid, columns.free(j)[:, :3], columns.free(k)[:, :3], together])
+    table = table - table.mean(axis=0)
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    low = np.full(table.shape[1], -np.inf)
+    low[:4] = 0.0
+    x = lsq_linear(table / size, torque, (low, np.full(len(low), np.inf))).x / size
+    left = torque - table @ x
+    return float(left @ left) / power if AS_DESCRIBED[0] <= x[0] <= AS_DESCRIBED[1] else 1.0
 
 
 def spring_leaves(

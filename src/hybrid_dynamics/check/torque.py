@@ -9,32 +9,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.check.columns import Columns, columns_of, standing
-from hybrid_dynamics.check.cures import exchanged, reordered, turned
+from hybrid_dynamics.check.cures import turned
 from hybrid_dynamics.check.delay import Delay, find_delay
 from hybrid_dynamics.check.findings import Finding, Severity
-from hybrid_dynamics.check.forms import FLOOR, Fit, Forms
-from hybrid_dynamics.check.guess import SAME_MOUNTING, Guess, angle, best_guess
+from hybrid_dynamics.check.forms import Fit, Forms
+from hybrid_dynamics.check.guess import (
+    CERTAIN,
+    CHANGED,
+    EXPLAINED,
+    SAME_MOUNTING,
+    SETTLED,
+    Guess,
+    angle,
+    best_guess,
+    is_certain,
+    left_of,
+    shares_of,
+)
+from hybrid_dynamics.check.order import places
 from hybrid_dynamics.check.pulled import spring_leaves
 from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch, stretches
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
-#: A joint counts as explained where a guess leaves less than this share of its torque's mean square.
-EXPLAINED = 0.6
-#: The sign of one joint's torque is surely wrong only where the other one leaves less than this share.
-SETTLED = 0.2
 #: A joint moves both ways where it spends this share of the log in each; a torque is mostly that of the links where
 #: they make this much of its standard deviation.
 BOTH_WAYS, MOSTLY = 0.05, 0.5
 #: Links that would weigh this many times more than those of the other joints, against the URDF, show no sign.
 HEAVIER = 3.0
-#: A guess changes a joint where its score (natural logarithm of the mean square left) differs by this much.
-CHANGED = 0.05
 #: A run is looked at alone where it leaves this much more of a joint's mean square than the best run.
 OUTVOTED = 0.3
-#: A guess that gains this much beyond its price (natural logarithm of mean squares) is certain, less is a warning.
-CERTAIN = 0.5
 #: A torque that is this many times too large or small against the model is in another unit.
 MAX_SCALE = 8.0
 #: Joints whose modelled torque reaches this share of the largest have a say about the unit.
@@ -73,7 +78,11 @@ def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding
         best = told
     names = robot.joint_names
     q = np.concatenate([p.q for p in parts])
-    findings = [*_signs(names, told, best, columns, forms, q), *_places(names, told, best), *_clock(told, best)]
+    findings = [
+        *_signs(names, told, best, columns, forms, q),
+        *places(names, told, best, columns),
+        *_clock(told, best),
+    ]
     if best.mirror is None and best.swap is None:
         findings += _mounting(robot, told, best)
         fits = [forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace) for j in range(forms.n)]
@@ -113,26 +122,12 @@ def _holds(told: Guess, best: Guess) -> bool:
     gained = [j for j in _changed(told, best) if best.scores[j] < told.scores[j]]
     # Where columns change places, each must be at home where it goes: one that says nothing has no place.
     moved = [j for j, k in enumerate(best.source) if j != k]
-    return bool(gained) and all(_left(best.scores[j]) < EXPLAINED for j in {*gained, *moved})
+    return bool(gained) and all(left_of(best.scores[j]) < EXPLAINED for j in {*gained, *moved})
 
 
 def _changed(told: Guess, best: Guess) -> list[int]:
     """Joints that the better guess makes better or worse."""
     return [j for j, (a, b) in enumerate(zip(told.scores, best.scores, strict=True)) if abs(a - b) > CHANGED]
-
-
-def _left(score: float) -> float:
-    return max(float(np.exp(score)) - FLOOR, 0.0)
-
-
-def _certain(told: Guess, best: Guess) -> bool:
-    return told.total - best.total >= CERTAIN
-
-
-def _shares(told: Guess, best: Guess, joints: Sequence[int]) -> str:
-    before = max(_left(told.scores[j]) for j in joints)
-    after = max(_left(best.scores[j]) for j in joints)
-    return f"unexplained {before:.0%} of the mean square as it stands, {after:.0%} so"
 
 
 def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, forms: Forms, q: Array) -> list[Finding]:
@@ -147,12 +142,12 @@ def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, for
         moved = _changed(told, best) or [j]
         pulled = moved == [j] and _pulled(columns, q, told, best, j)
         text = (
-            f"{what} the wrong sign ({_shares(told, best, moved)}): the log counts it against the joint's axis in the "
-            f"URDF; set the sign of {'q and tau' if both else 'q'} to -1, or turn the axis in the URDF"
+            f"{what} the wrong sign ({shares_of(told, best, moved)}): the log counts it against the joint's axis in "
+            f"the URDF; set the sign of {'q and tau' if both else 'q'} to -1, or turn the axis in the URDF"
         )
         if pulled:
             text = f"it looks as if {text}; a spring at this joint that pulls the other way would look the same"
-        severity: Severity = "hard" if _certain(told, best) and not pulled else "warning"
+        severity: Severity = "hard" if is_certain(told, best) and not pulled else "warning"
         return [Finding("position_sign", severity, text, joint=names[j], suggestion={} if pulled else cure)]
     flipped = [j for j, s in enumerate(best.sign) if s < 0]
     if len(flipped) > 1 and len(flipped) == len(names):
@@ -160,9 +155,9 @@ def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, for
             Finding(
                 "torque_sign",
                 "hard",
-                f"the measured torque of every joint has the wrong sign ({_shares(told, best, flipped)}); no direction "
-                "of gravity and no order of the joints explains it better; expected the torque the drive delivers, "
-                "positive along the joint axis: flip its sign",
+                f"the measured torque of every joint has the wrong sign ({shares_of(told, best, flipped)}); no "
+                "direction of gravity and no order of the joints explains it better; expected the torque the drive "
+                "delivers, positive along the joint axis: flip its sign",
                 suggestion=turned(len(names), flipped, ["tau"]),
             )
         ]
@@ -172,7 +167,7 @@ def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, for
 
 def _pulled(columns: Columns, q: Array, told: Guess, best: Guess, j: int) -> bool:
     """Whether a spring at joint ``j`` explains as well as the better guess."""
-    return spring_leaves(columns, q[:, j], told.gravity, j) <= max(_left(best.scores[j]), SETTLED)
+    return spring_leaves(columns, q[:, j], told.gravity, j) <= max(left_of(best.scores[j]), SETTLED)
 
 
 def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, shown: bool) -> Finding:
@@ -180,12 +175,12 @@ def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, shown: boo
 
     A spring on a light wrist looks more like its torque turned round than like its torque; neither explains it.
     """
-    certain = shown and told.scores[j] - best.scores[j] >= CERTAIN and _left(best.scores[j]) < SETTLED
+    certain = shown and told.scores[j] - best.scores[j] >= CERTAIN and left_of(best.scores[j]) < SETTLED
     return Finding(
         "torque_sign",
         "hard" if certain else "warning",
         f"the measured torque (tau{j + 1}) {'has' if certain else 'may have'} the wrong sign "
-        f"({_shares(told, best, [j])}); no direction of gravity and no order of the joints explains it better; "
+        f"({shares_of(told, best, [j])}); no direction of gravity and no order of the joints explains it better; "
         "expected the torque the drive delivers, positive along the joint axis: "
         + (
             "flip its sign" if certain else "flip its sign, unless a tool or a spring at this joint pulls the other way"
@@ -219,49 +214,6 @@ def _shows_its_sign(columns: Columns, forms: Forms, best: Guess, j: int) -> bool
     return bool(whole.coefficients[0] * whole.rigid >= MOSTLY * columns.tau[:, best.source[j]].std())
 
 
-def _places(names: Sequence[str], told: Guess, best: Guess) -> list[Finding]:
-    """Columns that belong to other joints."""
-    severity: Severity = "hard" if _certain(told, best) else "warning"
-    moved = [j for j, k in enumerate(best.source) if j != k]
-    if best.swap is not None:
-        return [_exchanged(names, told, best, best.swap, severity)]
-    if not moved:
-        return []
-    pairs = "; ".join(f"tau{best.source[j] + 1} fits the motion of {names[j]}" for j in moved)
-    text = (
-        f"torque and position columns do not belong together: {pairs} ({_shares(told, best, moved)}); expected both in "
-        "the order of the URDF's joints: exchange the columns"
-    )
-    cure = reordered(best.source, ["tau"])
-    return [Finding("joint_order", severity, text, joint=names[moved[0]], suggestion=cure)]
-
-
-def _exchanged(names: Sequence[str], told: Guess, best: Guess, pair: tuple[int, int], severity: Severity) -> Finding:
-    """Positions of ``pair`` exchanged: certain only where both joints' torques say so.
-
-    One joint that goes with the other's motion may as well be coupled to it, where the other's own torque is silent.
-    """
-    a, b = pair
-    moved = any(j != k for j, k in enumerate(best.source))
-    what = "positions and torques" if moved else "positions"
-    changed = [j for j, (x, y) in enumerate(zip(told.scores, best.scores, strict=True)) if x - y > CHANGED] or [a, b]
-    silent = [j for j in pair if _left(best.scores[j]) >= EXPLAINED]
-    shares = _shares(told, best, changed)
-    if silent:
-        text = (
-            f"the {what} of {names[a]} and {names[b]} may be exchanged ({shares}), but the torque of "
-            f"{names[silent[0]]} says nothing of it: joints that turn with each other look the same, which close-loop "
-            "names joint_coupling; if the columns' order is in doubt, exchange them and check again"
-        )
-        return Finding("joint_order", "warning", text, joint=names[a])
-    text = (
-        f"the {what} of {names[a]} and {names[b]} are exchanged ({shares}); expected the columns in the order of the "
-        "URDF's joints: exchange the columns"
-    )
-    cure = reordered(exchanged(len(names), a, b), ["q", "dq", "tau"] if moved else ["q", "dq"])
-    return Finding("joint_order", severity, text, joint=names[a], suggestion=cure)
-
-
 def _clock(told: Guess, best: Guess) -> list[Finding]:
     if best.pace == 1.0:
         return []
@@ -270,7 +222,7 @@ def _clock(told: Guess, best: Guess) -> list[Finding]:
     return [
         Finding(
             "time_scale",
-            "hard" if _certain(told, best) else "warning",
+            "hard" if is_certain(told, best) else "warning",
             f"time stamps run {factor:g} times too {'slow' if slow else 'fast'}: the torque shows inertia of a motion "
             f"that is {factor:g} times {'faster' if slow else 'slower'} than the stamps say; expected seconds: "
             f"{'divide' if slow else 'multiply'} them by {factor:g}",
@@ -315,7 +267,7 @@ def _mounting(robot: Robot, told: Guess, best: Guess) -> list[Finding]:
         f"at {np.rad2deg(off):.0f} deg to it, along ({x:.2f}, {y:.2f}, {z:.2f}) m/s^2 in the frame of "
         f"{robot.name}'s base"
     )
-    if off > WEIGHED_WRONGLY and _certain(told, best):
+    if off > WEIGHED_WRONGLY and is_certain(told, best):
         text = (
             f"the base does not stand as the URDF says: gravity is found {where} (an arm on a wall or under a "
             "ceiling); close-loop names it gravity_tilt"

@@ -1,0 +1,76 @@
+"""Columns that belong to other joints, told from joints that are coupled: one's torque follows the other's motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hybrid_dynamics.check.columns import Columns
+from hybrid_dynamics.check.cures import exchanged, reordered
+from hybrid_dynamics.check.findings import Finding, Severity
+from hybrid_dynamics.check.guess import CHANGED, EXPLAINED, SETTLED, Guess, is_certain, left_of, shares_of
+from hybrid_dynamics.check.pulled import coupling_leaves
+
+
+def places(names: Sequence[str], told: Guess, best: Guess, columns: Columns) -> list[Finding]:
+    """Columns that belong to other joints."""
+    severity: Severity = "hard" if is_certain(told, best) else "warning"
+    moved = [j for j, k in enumerate(best.source) if j != k]
+    pair = best.swap if best.swap is not None else tuple(moved)
+    if len(pair) == 2 and _coupled(told, best, columns, pair):
+        one, other = (names[j] for j in pair)
+        text = (
+            f"it looks as if columns of {one} and {other} were exchanged ({shares_of(told, best, pair)}); torque of "
+            "one that follows the motion of both leaves as little: close-loop names it joint_coupling; if the columns' "
+            "order is in doubt, exchange them and check again"
+        )
+        return [Finding("joint_order", "warning", text, joint=one)]
+    if best.swap is not None:
+        return [_exchanged(names, told, best, best.swap, severity)]
+    if not moved:
+        return []
+    pairs = "; ".join(f"tau{best.source[j] + 1} fits the motion of {names[j]}" for j in moved)
+    text = (
+        f"torque and position columns do not belong together: {pairs} ({shares_of(told, best, moved)}); expected both "
+        "in the order of the URDF's joints: exchange the columns"
+    )
+    cure = reordered(best.source, ["tau"])
+    return [Finding("joint_order", severity, text, joint=names[moved[0]], suggestion=cure)]
+
+
+def _coupled(told: Guess, best: Guess, columns: Columns, pair: tuple[int, ...]) -> bool:
+    """Whether one of ``pair`` is explained as it stands, and the other by a coupling to it as well as by an exchange.
+
+    Of columns that are exchanged neither is.
+    """
+    strange = [j for j in pair if left_of(told.scores[j]) >= EXPLAINED]
+    if len(strange) != 1:
+        return False
+    (j,) = strange
+    (k,) = (k for k in pair if k != j)
+    return coupling_leaves(columns, told.gravity, j, k) <= max(left_of(best.scores[j]), SETTLED)
+
+
+def _exchanged(names: Sequence[str], told: Guess, best: Guess, pair: tuple[int, int], severity: Severity) -> Finding:
+    """Positions of ``pair`` exchanged: certain only where both joints' torques say so.
+
+    One joint that goes with the other's motion may as well be coupled to it, where the other's own torque is silent.
+    """
+    a, b = pair
+    moved = any(j != k for j, k in enumerate(best.source))
+    what = "positions and torques" if moved else "positions"
+    changed = [j for j, (x, y) in enumerate(zip(told.scores, best.scores, strict=True)) if x - y > CHANGED] or [a, b]
+    silent = [j for j in pair if left_of(best.scores[j]) >= EXPLAINED]
+    shares = shares_of(told, best, changed)
+    if silent:
+        text = (
+            f"the {what} of {names[a]} and {names[b]} may be exchanged ({shares}), but the torque of "
+            f"{names[silent[0]]} says nothing of it: joints that turn with each other look the same, which close-loop "
+            "names joint_coupling; if the columns' order is in doubt, exchange them and check again"
+        )
+        return Finding("joint_order", "warning", text, joint=names[a])
+    text = (
+        f"the {what} of {names[a]} and {names[b]} are exchanged ({shares}); expected the columns in the order of the "
+        "URDF's joints: exchange the columns"
+    )
+    cure = reordered(exchanged(len(names), a, b), ["q", "dq", "tau"] if moved else ["q", "dq"])
+    return Finding("joint_order", severity, text, joint=names[a], suggestion=cure)
