@@ -8,6 +8,7 @@ import pytest
 from tests.small_arm import arm, noisy_log
 
 from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects.inertia import BODY_PARAMETERS
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.find import find
@@ -114,3 +115,13 @@ def test_a_centre_of_the_last_link_that_no_payload_makes_stands_for_all_links(se
     judge, terms = judged(Effect("link_com", (ELBOW,), {"com_x": 0.0, "com_y": 0.0, "com_z": 0.13}), seed=seed)
     links = [t for t in terms if t.family().all_links]
     assert narrowed(judge.at(links), links)[1] == [CENTRE]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_links_mass_and_a_payload_stand_for_all_links(seed: int) -> None:
+    tool = dict(
+        zip((p.name for p in BODY_PARAMETERS), (0.8, 0.1, 0.0, 0.1, *[0.004, 0.0] * 2, 0.0, 0.004), strict=True)
+    )
+    judge, terms = judged(Effect("link_mass", (SHOULDER,), {"mass": 5.0}), Effect("payload", (), tool), seed=seed)
+    links = [t for t in terms if t.family().all_links]
+    assert set(narrowed(judge.at(links), links)[1]) == {Term("link_mass", 0), Term("payload")}

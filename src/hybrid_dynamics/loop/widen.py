@@ -73,14 +73,17 @@ def narrowed(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
     alike = [family(name) for name in judge.settings.further]
     names += [k.name for k in alike if k.scope == "joint" and not k.several and like_a_body(k)]
     causes = [t for name in names for t in family(name).terms(robot, moving, options)]
-    # Alone also a link's mass or centre: what the last link lacks may be no payload, which has a mass of its own.
+    # Also a link's mass or centre, alone or beside another body: what the last link lacks may be no payload, which has
+    # a mass of its own, and beside a payload the ten numbers of the link before it are beyond belief.
     parts = [t for k in alike if k.scope == "link" and k.changes_body for t in k.terms(robot, moving, options)]
     judge = judge.adding([*causes, *parts]).at(chosen)
     judge, beside = beside_links(judge, chosen)
     evidence, together = judge.evidence, [*chosen, *beside]
     limit, rest = evidence.held(together), [t for t in chosen if t != links]
     free, single = ([c for c in some if not any(same_place(c, t) for t in rest)] for some in (causes, parts))
-    groups = [*((c,) for c in single), *(some for count in range(1, FEW + 1) for some in combinations(free, count))]
+    groups = [some for count in range(1, FEW + 1) for some in combinations(free, count)]
+    bodies = [*single, *(c for c in free if c.family().is_body)]
+    groups += [some for n in range(1, FEW + 1) for some in combinations(bodies, n) if any(c in single for c in some)]
     held = {some: evidence.held([*rest, *some]) for some in groups if len({t.place for t in some}) == len(some)}
     best = min(held.values(), key=lambda h: h.score, default=None)
     if best is None or judge.news(limit, best).surer_than(BETTER):
