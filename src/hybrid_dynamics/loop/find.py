@@ -114,23 +114,11 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, further = search(_weighed(judge, lower), candidates, report, chosen)
         steps += further
         chosen = list(further[-1].terms)
-    # A fast ripple has passed for noise until it is found: what it had drowned is asked for then.
-    lower = None
-    for left in reversed(range(1 + MOST_WEIGHINGS)):
-        judge, offered = further_candidates(judge, chosen)
-        if not offered and lower is None:
-            break
-        # Another form of what has been looked for already is new, too.
-        candidates = [*candidates, *offered]
-        looked = len({s.place for s in candidates})
-        there, found, further = _refined(judge, chosen, candidates, report)
-        steps += further
-        # A way of many steps, each as good as the one before, may end far below where it began.
-        judge, chosen = choose([(there, found), (judge, chosen)])
-        judge, lower = _lower_floor(judge, chosen) if left else (judge, None)
-        if lower is None:
-            break
-        judge = _weighed(judge, lower)
+    judge, chosen, offered, further = _with_the_rest(judge, chosen, candidates, report)
+    steps += further
+    # Another form of what has been looked for already is new, too.
+    candidates += offered
+    looked = len({s.place for s in candidates})
     judge, chosen = _in_simplest_form(judge, chosen, candidates)
     held = judge.evidence.held(chosen, physical=True)
     if len(judge.evidence.runs) > 1 and judge.above_floor(held).any():
@@ -300,6 +288,32 @@ def _both_ends(
     ends = [(here, nothing[-1].terms), *([(there, everything[-1].terms)] if everything else [])]
     judge, chosen = choose(ends)
     return judge, chosen, nothing if list(nothing[-1].terms) == chosen else everything
+
+
+def _with_the_rest(
+    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], report: Callable[[Step], None]
+) -> tuple[Judge, list[Term], list[Term], list[Step]]:
+    """``chosen`` once the rest of the catalogue has been asked, too: the judge there, that, what was offered beyond
+    ``candidates``, and the steps.
+
+    A fast ripple has passed for noise until it is found: what it had drowned is asked for then.
+    """
+    chosen, asked, steps = list(chosen), list(candidates), []
+    lower = None
+    for left in reversed(range(1 + MOST_WEIGHINGS)):
+        judge, offered = further_candidates(judge, chosen)
+        if not offered and lower is None:
+            break
+        asked += offered
+        there, found, further = _refined(judge, chosen, asked, report)
+        steps += further
+        # A way of many steps, each as good as the one before, may end far below where it began.
+        judge, chosen = choose([(there, found), (judge, chosen)])
+        judge, lower = _lower_floor(judge, chosen) if left else (judge, None)
+        if lower is None:
+            break
+        judge = _weighed(judge, lower)
+    return judge, chosen, asked[len(candidates) :], steps
 
 
 def _weighed(judge: Judge, floor: Array) -> Judge:
