@@ -1,8 +1,9 @@
-"""An effect of fewer numbers in the place of one that its family, or its own, is said to be alike to.
+"""What is read wrongly, a zero or a gain, in the place of an effect of more numbers that is said to be alike to it.
 
 A search takes what predicts best, and a law of three numbers predicts a little better than the one of one number that
 is there: a link's centre of mass where its joint's zero is wrong. What holds another as a special case is given back
-to it elsewhere (:func:`.further.simplify`); these do not hold each other.
+to it elsewhere (:func:`.further.simplify`); these do not hold each other. A spring is not asked here: a link's inertia
+is no rarer than a spring.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from hybrid_dynamics.loop.trace import Judge, same_place
 
 
 def cheaper(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
-    """``chosen`` with every effect of a joint in the form of another that it is alike to, that costs less and predicts
-    held-out rows as well where its own re-fit stands; and the judge there. The cheapest first.
+    """``chosen`` with every effect of a joint as a wrong reading that it is alike to, where that costs less and
+    predicts held-out rows as well where its own re-fit stands; and the judge there. The cheapest first.
 
     What the starting model has stays as it is: what is found then is its change.
     """
@@ -51,7 +52,7 @@ def _alike(judge: Judge, term: Term) -> Iterator[Term]:
     here = np.arange(judge.evidence.n) == term.joint
     for name in (*judge.settings.families, *judge.settings.further):
         kind = family(name)
-        if kind.nonlinear_settings or kind.several or name in own.contains:
+        if not kind.changes_reading or kind.nonlinear_settings:
             continue
         if not any(_says(kind, part.name) or _says(part, name) for part in parts):
             continue
