@@ -32,13 +32,10 @@ def coupling_leaves(columns: Columns, gravity: Array, j: int, k: int) -> float:
     together = np.sign(columns.dq[:, j] + columns.dq[:, k])
     rigid = columns.motion[:, j] + columns.gravity[:, j] @ gravity
     table = np.column_stack([rigid, columns.free(j)[:, :3], columns.free(k)[:, :3], together])
-    table = table - table.mean(axis=0)
-    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    low = np.full(table.shape[1], -np.inf)
+    low, high = np.full(table.shape[1], -np.inf), np.full(table.shape[1], np.inf)
     low[:4] = 0.0
-    x = lsq_linear(table / size, torque, (low, np.full(len(low), np.inf))).x / size
-    left = torque - table @ x
-    return float(left @ left) / power if AS_DESCRIBED[0] <= x[0] <= AS_DESCRIBED[1] else 1.0
+    x, _, left = _bounded(table, torque, low, high)
+    return left / power if AS_DESCRIBED[0] <= x[0] <= AS_DESCRIBED[1] else 1.0
 
 
 def spring_leaves(
@@ -65,14 +62,21 @@ def spring_leaves(
             *spring,
         ]
     )
-    table = table - table.mean(axis=0)
-    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     low, high = np.full(table.shape[1], -np.inf), np.full(table.shape[1], np.inf)
-    low[:2], high[0] = (scale[0] * size[0], 0.0), scale[1] * size[0]  # the links, and a rotor
-    x = lsq_linear(table / size, torque, (low, high)).x / size
+    low[:2], high[0] = (scale[0], 0.0), scale[1]  # the links, and a rotor
+    x, table, left = _bounded(table, torque, low, high)
     friction = table[:, 2:4] @ x[2:4]
     drives = float(friction @ columns.dq[:, j]) < 0
     if drives and float(friction @ friction) > SPEAKS * power:
         return 1.0
+    return left / power
+
+
+def _bounded(table: Array, torque: Array, low: Array, high: Array) -> tuple[Array, Array, float]:
+    """Least squares of ``torque`` (K,), without a mean, by columns ``table`` (K, p) less their means, coefficients
+    between ``low`` and ``high`` (p,): these, the columns, and the sum of squares that is left."""
+    table = table - table.mean(axis=0)
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    x = lsq_linear(table / size, torque, (low * size, high * size)).x / size
     left = torque - table @ x
-    return float(left @ left) / power
+    return x, table, float(left @ left)

@@ -42,8 +42,8 @@ def cheaper(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
 
 
 def _alike(judge: Judge, term: Term) -> Iterator[Term]:
-    """Terms on the joint of ``term`` of families that say of it, or of which it says, that both make one torque; of a
-    body, or of its mass or centre alone.
+    """Wrong readings of the joint of ``term`` that are said to make its torque, by their family or by its own; of a
+    body also those of its mass or centre alone.
 
     None with parameters to refine: on a coarse grid they are not what they could be.
     """
