@@ -146,6 +146,20 @@ def test_parameters_that_the_runs_cannot_tell_apart_are_correlated():
     assert correlation_of(Model(robot, (first,)), runs, np.ones(2)) is None
 
 
+def test_what_the_runs_determine_together_is_known_however_little_of_each():
+    """Three constant torques of one joint, one of them known well: only their sum is determined, and it is."""
+    robot = two_links()
+    offsets = [
+        Effect("torque_offset", ("shoulder",), {"offset": 0.5}, std_errors={"offset": error}) for error in (1, 1, 0.01)
+    ]
+    runs = [process(true_run(seed=k), robot, ProcessSettings()) for k in range(2)]
+    model = Model(robot, tuple(offsets))
+    known = Uncertainty(np.zeros(2), correlation_of(model, runs, np.ones(2)))
+    band = known.standard_deviation(model, runs[0].q, runs[0].dq, runs[0].ddq, runs[0].time, lambda values: values)
+    # A few thousand rows of 1 N m tell the sum to some hundredths; each offset by itself is open by 1 N m.
+    assert band[:, 0].max() < 0.1
+
+
 def test_measured_velocity_is_used():
     run = true_run()
     speed = CubicSpline(run.time, run["q"], axis=0)(run.time, 1)

@@ -9,6 +9,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
+from hybrid_dynamics.loop.balanced import balanced
 from hybrid_dynamics.loop.beside import beside_links, beside_names, wanted
 from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.complete import complete
@@ -163,16 +164,19 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         steps += further
     if chosen != bodies:
         judge, chosen = without_noise(judge, chosen, sure=True)
-    if lost := impossible(judge, chosen):
+    if lost := [*impossible(judge, chosen), *balanced(judge, chosen)]:
         # It could be when it was named, and no longer can beside what came in since.
         rest = [t for t in chosen if t not in lost]
-        judge, chosen = without_noise(*complete(judge, rest, candidates, common))
+        others = [c for c in candidates if not any(same_place(c, t) for t in lost)]
+        judge, chosen = without_noise(*complete(judge, rest, others, common))
     judge, chosen = with_rest(*one_for_two(judge, chosen))
     chosen = [*given, *(t for t in chosen if t not in given)]
     fitted = refit(judge.adding(given).evidence, chosen)
     judge, beside = beside_links(judge.over(fitted.evidence), chosen)
     judge, guessed = beside_names(judge, [*chosen, *beside], candidates, unsure)
-    return Found(chosen, fitted.x, [], steps, [], judge, start, [*beside, *guessed])
+    unnamed = [*beside, *guessed]
+    lost = balanced(judge, [*chosen, *unnamed], unnamed)
+    return Found(chosen, fitted.x, [], steps, [], judge, start, [t for t in unnamed if t not in lost])
 
 
 def with_contacts(found: Found, logs: Logs) -> Found:

@@ -19,7 +19,10 @@ from hybrid_dynamics.types import Array
 
 #: Rows that the correlation is computed from, about; parameters it is computed for, at most: two arms of seven joints
 #: with all their links. Without it what the runs leave open would count as if nothing else made up for it.
-_ROWS, _MOST_PARAMETERS, _PRIOR = 5_000, 300, 1e-9
+_ROWS, _MOST_PARAMETERS = 5_000, 300
+#: How strongly a parameter is held at its value, in standard errors: what the runs leave open has its standard error
+#: from a prior, so there one error is about what it may differ by; what they determine must hardly notice.
+_PRIOR = 0.01
 
 
 @dataclass(frozen=True)
@@ -68,10 +71,7 @@ def correlation_of(model: Model, runs: Sequence[Run], residual: Array) -> Array 
         changes = np.array(_changes(model, run.q[rows], run.dq[rows], run.ddq[rows], run.time[rows]))
         weight = run.mask[rows] / np.where(residual > 0, residual, np.inf) ** 2
         normal += np.einsum("atj,tj,btj->ab", changes, weight, changes, optimize=True)
-    size = np.sqrt(np.diag(normal))
-    size = np.where(size > 0, size, 1.0)
-    # What the runs leave open is held by a prior somewhere: a little of it here keeps the inverse bounded.
-    inverse = np.linalg.inv(normal / size[:, None] / size + _PRIOR * np.eye(count))
+    inverse = np.linalg.inv(normal + _PRIOR * np.eye(count))
     spread = np.sqrt(np.diag(inverse))
     return np.asarray(np.clip(inverse / spread[:, None] / spread, -1.0, 1.0))
 

@@ -1,0 +1,51 @@
+"""Effects that only a body that is none could balance: a huge offset, and a link as heavy as the robot to undo it.
+
+Over a short range of positions a constant torque and a weight that is not there make a bow between them, and follow
+with it a law that has no name here. Each is many times what can be, and both together predict well where the runs
+were, and nothing anywhere else: neither is a result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hybrid_dynamics.effects import Term
+from hybrid_dynamics.loop.trace import Judge
+
+#: A body is off by more than a description ever is beyond so many of its plausible changes: a link four times as heavy.
+BEYOND = 6.0
+#: An effect has made it so where the body is off by less than this share of it without the effect.
+UNDONE = 0.5
+
+
+def balanced(judge: Judge, current: Sequence[Term], among: Sequence[Term] | None = None) -> list[Term]:
+    """Those of ``current`` that are no bodies, and without which no body is off by more than a description ever is.
+
+    Looked for ``among`` these (default: all). None where bodies are plausible as they are, and where nothing makes
+    them so: a description may hold placeholders.
+    """
+    rest, out = list(current), []
+    while (most := _farthest(judge, rest)) > BEYOND:
+        asked = [t for t in rest if not t.family().is_body and (among is None or t in among)]
+        trials = [(t, [s for s in rest if s != t]) for t in asked]
+        cures = [(t, trial) for t, trial in trials if _farthest(judge, trial) <= UNDONE * most]
+        if not cures:
+            return []
+        term, rest = min(cures, key=lambda cure: (judge.evidence.held(cure[1]).score, repr(cure[0])))
+        out.append(term)
+    return out
+
+
+def _farthest(judge: Judge, current: Sequence[Term]) -> float:
+    """The largest change of a body that a fit of ``current`` makes, in plausible ones; 0 without bodies."""
+    evidence, most = judge.evidence, 0.0
+    if not any(t.family().is_body for t in current):
+        return most
+    x, layout = evidence.fit(current), evidence.layout(current)
+    for term, start in zip(layout.terms, layout.starts, strict=True):
+        if term.family().is_body:
+            change = np.abs(x[start : start + term.size]) / term.prior_scale(evidence.robot)
+            most = max(most, float(change.max(initial=0.0)))
+    return most
