@@ -155,6 +155,18 @@ def test_a_velocity_of_zero_is_left_out_and_told(run):
     assert [f.code for f in result.findings if f.severity == "warning" and f.code != "beyond_speed"] == ["dq_zero"]
 
 
+def test_a_late_velocity_is_left_out_and_told(run):
+    """Its derivative would be late, too: a torque that comes early, which there is not."""
+    moved = with_velocity(run)
+    result = checked(arm(), [moved.with_signals(dq=np.roll(moved["dq"], 8, axis=0))], [])
+    assert "dq" not in result.train[0]
+    said = [f.text for f in result.findings if f.code == "dq_lag"]
+    assert len(said) == 1
+    assert "0.02 s behind the derivative of q; the derivative of q is taken instead" in said[0]
+    # The control: one that is not late is what was measured.
+    assert "dq" in checked(arm(), [moved], []).train[0]
+
+
 def test_a_copy_of_a_training_run_is_no_test_run_whatever_it_is_called(run):
     other = runs(train=2, test=1)[1][0]
     copy = Trajectory("copy", "test", run.time + 100.0, {s: np.round(x, 7) for s, x in run.signals.items()})

@@ -89,7 +89,7 @@ def checked(
             continue
         velocity = check_velocity(body.joint_names, part)
         findings += velocity
-        if any(f.code == "dq_zero" for f in velocity):
+        if _of_no_use(velocity):
             part[:] = [_without_velocity(run) for run in part]
         of_torque, found_gravity = _torque(body, part)
         if part is second and angle(found_gravity, gravity) < SAME_MOUNTING:
@@ -114,8 +114,12 @@ def checked_motion(robot: Robot, log: Trajectory) -> tuple[Trajectory, list[Find
     if not findings:
         findings = check_velocity(robot.joint_names, pieces)
     refuse_hard(findings)
-    zero = any(f.code == "dq_zero" for f in findings)
-    return _without_velocity(log) if zero else log, findings
+    return _without_velocity(log) if _of_no_use(findings) else log, findings
+
+
+def _of_no_use(velocity: Sequence[Finding]) -> bool:
+    """True where the derivative of q is taken instead of a velocity that is zero throughout, or of other instants."""
+    return any(f.code in ("dq_zero", "dq_lag") for f in velocity)
 
 
 def check_shape(robot: Robot, runs: Sequence[Trajectory]) -> None:

@@ -73,9 +73,11 @@ def check_velocity(joint_names: Sequence[str], runs: Sequence[Trajectory]) -> li
         )
     if abs(lag) >= LAG_TOLD:
         severity: Severity = "hard" if late else "note" if abs(lag) < 0.03 else "warning"
+        # Its derivative, the acceleration, would be late by as much: a delay that the torque does not have.
+        instead = "" if late else "; the derivative of q is taken instead"
         text = (
-            f"dq is {abs(lag):.3g} s {'behind' if lag > 0 else 'ahead of'} the derivative of q; expected the same "
-            "instant: shift it, or leave dq out"
+            f"dq is {abs(lag):.3g} s {'behind' if lag > 0 else 'ahead of'} the derivative of q{instead}; expected the "
+            "same instant: shift it, or leave dq out"
         )
         out.append(Finding("dq_lag", severity, text, suggestion={"velocity_delay": round(lag, 4)}))
     return out
