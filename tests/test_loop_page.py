@@ -248,6 +248,8 @@ def test_the_page_in_a_browser(page, content, dark):
         assert seen.wide == []
         assert seen.scroll <= seen.width == width
         assert seen.twice == seen.dead == []
+        assert seen.bars > 1
+        assert seen.uneven == []
         assert seen.drawn == seen.plots > 4
         assert seen.paper == ("rgb(21, 24, 28)" if dark else "rgb(255, 255, 255)")
 
