@@ -16,6 +16,7 @@ from hybrid_dynamics.loop_report.details import _title, _together
 from hybrid_dynamics.loop_report.gather import _key, _swapped, kind_of, run_title
 from hybrid_dynamics.loop_report.parameter_words import missing
 from hybrid_dynamics.loop_report.plots import curve_figure, torque_figure
+from hybrid_dynamics.loop_report.sections import _mass_caveat
 
 
 def parameter(name: str, value: float, error: float, unit: str, joint: str | None = None) -> dict[str, Any]:
@@ -36,6 +37,15 @@ def test_a_parameter_that_the_runs_leave_open_has_no_error_that_looks_measured()
     assert phrase == "Inertial parameters: 2 links"
     payload = entry("payload", [], [mass | {"joint": None}], undetermined_parameters=["mass"])
     assert missing({"effects": [payload], "joints": ["a"]}) == ["Payload: mass 4.971 kg (left open by these runs)"]
+
+
+def test_what_a_drive_gain_does_to_a_mass_is_said_with_an_if() -> None:
+    # No log says whether its torque was computed from motor current.
+    payload = entry("payload", [], [parameter("mass", 1.5, 0.01, "kg")])
+    told = _mass_caveat({"effects": [payload]})
+    assert told.startswith("The standard error is statistical. If your torque is computed from motor current,")
+    assert told.endswith("(1 % of 1.5 kg is 0.015 kg).")
+    assert _mass_caveat({"effects": [entry("armature", ["a"], [])]}) == ""
 
 
 def test_numbers_are_written_out_as_people_do() -> None:

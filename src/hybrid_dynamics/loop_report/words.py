@@ -43,8 +43,8 @@ PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "com": "centre of mass"}
 #: Parameters in proportion to which the drive gains enter: a mass is known no better than the torque is calibrated.
 SCALED_BY_GAIN = ("mass",)
 GAIN_CAVEAT = (
-    "The standard error is statistical. Torque is motor current times a declared drive gain; if that gain is off by "
-    "1 %, so is the mass"
+    "The standard error is statistical. If your torque is computed from motor current, a drive gain that is off by 1 % "
+    "makes the mass wrong by 1 %"
 )
 
 
