@@ -48,6 +48,20 @@ def test_what_a_drive_gain_does_to_a_mass_is_said_with_an_if() -> None:
     assert _mass_caveat({"effects": [entry("armature", ["a"], [])]}) == ""
 
 
+def test_joints_are_named_and_not_counted() -> None:
+    joints = [f"joint_{k}" for k in range(1, 7)]
+    assert words.where(joints, joints) == "all 6 joints"
+    assert words.where(joints[3:], joints) == "joint_4, joint_5 and joint_6"
+    assert words.where(joints[:5], joints) == "all joints but joint_6"
+    assert words.where([*joints[:2], *joints[4:]], joints) == "all joints but joint_3 and joint_4"
+    many = [f"j{k}" for k in range(8)]
+    assert words.where(many[4:], many) == "j4, j5, j6 and j7"
+    friction = [entry("armature", [name], [parameter("armature", 0.2, 0.01, "kg m^2")]) for name in joints[:4]]
+    assert missing({"effects": friction, "joints": joints}) == [
+        "Armature on all joints but joint_5 and joint_6: 0.2 kg m²"
+    ]
+
+
 def test_numbers_are_written_out_as_people_do() -> None:
     assert (words.share(0.9961), words.share(1.0), words.share(0.0123)) == ("100 %", "100 %", "1.2 %")
     assert (words.plain(2612.0), words.plain(15_400.0), words.plain(5.43)) == ("2,600", "15,000", "5.4")

@@ -34,6 +34,8 @@ _BESIDE = {
 ABOVE_NOISE = 1.25
 #: Words of notes on what the starting model had of an effect; its value tells that too.
 _WITH_VALUES = ("since the starting model", "in all, of which the URDF gives")
+#: Joints that are named one by one, however few the others are.
+_NAMED = 3
 #: Standard errors beyond which a change is more than chance.
 SURE = 2.0
 #: What the motion consists of.
@@ -212,12 +214,18 @@ def final_errors(d: Diagnosis, split: str = "test", of: str = "error") -> Mappin
 
 
 def where(names: Sequence[str], joints: Sequence[str]) -> str:
-    """Which of ``joints``: "all 6 joints", or by name."""
-    if len(names) == len(joints) and len(joints) > 1:
+    """Which of ``joints``: "all 6 joints", by name, or, where that is shorter, by the names of the others."""
+    shown, others = [n for n in joints if n in names], [n for n in joints if n not in names]
+    if not others and len(joints) > 1:
         return f"all {len(joints)} joints"
-    shown = [n for n in joints if n in names]
-    listed = ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1]
-    return listed if len(shown) <= 3 else f"{len(shown)} of {len(joints)} joints"
+    if len(shown) > _NAMED and len(others) < len(shown):
+        return f"all joints but {listed(others)}"
+    return listed(shown)
+
+
+def listed(names: Sequence[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
 
 
 def gains(d: Diagnosis) -> str:
@@ -276,13 +284,13 @@ def _asked(asked: Sequence[Mapping[str, Any]]) -> list[str]:
     better = f"{len(said['confirmed'])} of {len(asked)} names"
     text = f"{better} are confirmed: with them the held-out runs are predicted better"
     if said["undecided"]:
-        text += f"; on {_listed(said['undecided'])} they do not decide"
+        text += f"; on {_names(said['undecided'])} they do not decide"
     if said["contradicted"]:
-        text += f"; contradicted, and not in the model: {_listed(said['contradicted'])}"
+        text += f"; contradicted, and not in the model: {_names(said['contradicted'])}"
     return [text + "."]
 
 
-def _listed(entries: Sequence[Mapping[str, Any]]) -> str:
+def _names(entries: Sequence[Mapping[str, Any]]) -> str:
     return "; ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in entries)
 
 
