@@ -175,8 +175,8 @@ def test_contradicted_names_alarms_and_origin_are_shown_as_such(content):
     page = content_html(contradicted(content))
     answer = " ".join(Structure(page).answer.split())
     assert "Armature" not in answer.split("What it buys")[0]
-    assert "2 of 3 names are confirmed" in answer
-    assert "contradicted, and not in the model: armature (panda_joint3)" in answer
+    assert "confirm 2 of 3 names" in answer
+    assert "Not decided by them: none. Contradicted and not in the model: 1, armature (panda_joint3)." in answer
     assert "panda_joint2: what is left depends on the motion; 60 % of it" in answer
     assert "still depends on the motion" in answer
     assert "cannot be told from slow noise" in answer

@@ -135,11 +135,39 @@ def test_a_name_is_confirmed_only_where_the_held_out_runs_surely_gain() -> None:
     assert (said(-0.3), said(-0.1), said(0.3, False)) == ("confirmed", "undecided", "contradicted")
     chance = entry("armature", ["a"], [], confirmed=True, test_change={"value": -0.1, "std_error": 0.1})
     sure = chance | {"joints": ["b"], "test_change": {"value": -0.5, "std_error": 0.1}}
-    for one in (chance, sure):
+    against = chance | {"joints": ["c"], "confirmed": False}
+    for one in (chance, sure, against):
         one["indistinguishable_from"] = []
-    (line,) = words.certainty({"effects": [chance, sure], "joints": ["a", "b"]})
-    assert line.startswith("1 of 2 names are confirmed")
-    assert "armature (a) they do not decide" in line
+
+    def told(*effects: dict[str, Any]) -> str:
+        (line,) = words.certainty({"effects": effects, "joints": ["a", "b", "c"]})
+        return line
+
+    assert told(chance, sure) == (
+        "The held-out runs confirm 1 of 2 names: with them they are predicted better. "
+        "Not decided by them: 1, armature (a). Contradicted and not in the model: none."
+    )
+    assert told(chance, against) == (
+        "The held-out runs confirm none of 2 names. "
+        "Not decided by them: 1, armature (a). Contradicted and not in the model: 1, armature (c)."
+    )
+    assert told(sure, sure) == "The held-out runs confirm all 2 names: with them they are predicted better."
+
+
+def test_names_that_the_held_out_runs_do_not_decide_come_last_and_say_so() -> None:
+    def found(effect: str, joint: str, change: float) -> dict[str, Any]:
+        value = parameter("offset" if effect == "torque_offset" else "armature", 2.0, 0.1, "N m")
+        return entry(effect, [joint], [value], confirmed=True, test_change={"value": change, "std_error": 0.175})
+
+    d = {
+        "effects": [found("torque_offset", "a", -0.14), found("armature", "a", -0.6), found("armature", "b", 0.1)],
+        "joints": ["a", "b"],
+    }
+    assert missing(d, {"torque_offset": 89.0, "armature": 0.5}) == [
+        "Armature on a: 2.00 ± 0.10 N m",
+        "Torque offset on a: offset 2.00 ± 0.10 N m (not decided by the held-out runs)",
+        "Armature on b: 2.00 ± 0.10 N m (not decided by the held-out runs)",
+    ]
 
 
 def test_an_effect_is_found_again_in_the_diagnosis_whatever_json_made_of_its_settings() -> None:

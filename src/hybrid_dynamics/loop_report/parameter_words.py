@@ -11,6 +11,7 @@ from hybrid_dynamics.loop_report.words import (
     confirmed,
     ends_of,
     left_open,
+    standing,
     title_of,
     unit_of,
     value_of,
@@ -20,19 +21,22 @@ from hybrid_dynamics.loop_report.words import (
 Entry = Mapping[str, Any]
 #: An effect with more parameters than this has a table's worth of them; the headline counts its links.
 _MOST = 4
+#: Stands behind a name that the model has and the held-out runs neither confirm nor contradict.
+UNDECIDED = " (not decided by the held-out runs)"
 
 
 def missing(diagnosis: Mapping[str, Any], sizes: Mapping[str, float] | None = None) -> list[str]:
     """A phrase a kind of effect that stands in the model: what, where, how much, how sure.
 
-    ``sizes`` is the torque [N m] that a kind adds: the largest comes first. Without it, the order of naming.
+    ``sizes`` is the torque [N m] that a kind adds: the largest comes first. Without it, the order of naming. Names that
+    the held-out runs do not decide come last and say so.
     """
-    groups: dict[str, list[Entry]] = {}
+    groups: dict[tuple[bool, str], list[Entry]] = {}
     for entry in diagnosis["effects"]:
         if confirmed(entry):
-            groups.setdefault(entry["effect"], []).append(entry)
-    order = sorted(groups, key=lambda name: -(sizes or {}).get(name, 0.0))
-    return [capital(_missing(groups[name], diagnosis["joints"])) for name in order]
+            groups.setdefault((standing(entry) == "undecided", entry["effect"]), []).append(entry)
+    order = sorted(groups, key=lambda group: (group[0], -(sizes or {}).get(group[1], 0.0)))
+    return [capital(_missing(groups[group], diagnosis["joints"])) + (UNDECIDED if group[0] else "") for group in order]
 
 
 def _missing(entries: Sequence[Entry], joints: Sequence[str]) -> str:

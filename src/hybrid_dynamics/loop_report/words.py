@@ -277,17 +277,21 @@ def certainty(d: Diagnosis) -> list[str]:
 
 
 def _asked(asked: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What the held-out runs say of the names: better with them, no matter, better without."""
+    """What the held-out runs say of the names: better with them, no more than chance, better without."""
     if not asked:
         return []
     said = {kind: [e for e in asked if standing(e) == kind] for kind in ("confirmed", "undecided", "contradicted")}
-    better = f"{len(said['confirmed'])} of {len(asked)} names"
-    text = f"{better} are confirmed: with them the held-out runs are predicted better"
-    if said["undecided"]:
-        text += f"; on {_names(said['undecided'])} they do not decide"
-    if said["contradicted"]:
-        text += f"; contradicted, and not in the model: {_names(said['contradicted'])}"
-    return [text + "."]
+    sure, all_of_them = len(said["confirmed"]), "the name" if len(asked) == 1 else f"all {len(asked)} names"
+    better = "with them they are predicted better" if len(asked) > 1 else "with it they are predicted better"
+    if sure == len(asked):
+        return [f"The held-out runs confirm {all_of_them}: {better}."]
+    out = [f"The held-out runs confirm {sure or 'none'} of {len(asked)} names{f': {better}' if sure else ''}."]
+    for kind, what_of_it in (
+        ("undecided", "Not decided by them"),
+        ("contradicted", "Contradicted and not in the model"),
+    ):
+        out.append(f"{what_of_it}: {f'{len(said[kind])}, {_names(said[kind])}' if said[kind] else 'none'}.")
+    return [" ".join(out)]
 
 
 def _names(entries: Sequence[Mapping[str, Any]]) -> str:
