@@ -22,6 +22,7 @@ from hybrid_dynamics.loop_report.content import Content, Curve, read_content, wr
 from hybrid_dynamics.loop_report.gather import gather
 from hybrid_dynamics.loop_report.plots import drawn, law_of
 from hybrid_dynamics.loop_report.report import content_html
+from hybrid_dynamics.loop_report.sections import explanation_of
 from hybrid_dynamics.loop_report.templates import KEPT, library, template
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitations
@@ -108,7 +109,7 @@ def test_every_effect_is_linked_to_its_evidence_and_its_explanation(content, pag
     links = Structure(page).links
     for effect in ("coulomb_friction", "viscous_friction", "armature"):
         assert f"what-{effect}" in links
-        assert words.explanation_of(effect) in page.replace("&gt;", ">").replace("&#39;", "'")
+        assert explanation_of(effect) in page.replace("&gt;", ">").replace("&#39;", "'")
     assert "evidence-panda-joint2-friction" in links
     assert "effect-coulomb-friction-panda-joint2" in links
 
@@ -143,6 +144,10 @@ def contradicted(content: Content) -> Content:
     for entry in d["effects"]:
         good = entry["effect"] != "armature"
         entry |= {"confirmed": good, "test_change": {"value": -0.2 if good else 0.07, "std_error": 0.01}}
+        if entry["effect"] == "coulomb_friction":
+            slow = {"effect": "stribeck_friction", "joints": entry["joints"], "settings": {}}
+            told = {"why": "the same torque", "motion_that_would_tell": "Move slowly."}
+            entry["indistinguishable_from"] = [{"effects": [slow], **told}]
         if not good:
             entry["why_not"] = "a correlated partner explains as much"
     for of in ("error", "error_moving"):
@@ -181,6 +186,11 @@ def test_contradicted_names_alarms_and_origin_are_shown_as_such(content):
     assert "still depends on the motion" in answer
     assert "cannot be told from slow noise" in answer
     assert "30 % of the speed of panda_joint1" in answer
+    # What cannot be told apart stays open, on the first screen and in the section that it links.
+    assert "Coulomb friction on panda_joint2 cannot be told from Stribeck friction." in answer
+    assert re.search(
+        r'<section id="left".*<caption><span>What these runs cannot tell apart.*Move slowly.*</section>', page, re.S
+    )
     assert "✗ contradicted" in page
     assert "+7 ± 1 %" in page
     # What is said of the gain is said of the model that is kept.

@@ -103,6 +103,54 @@ def test_what_is_above_the_noise_stays_open() -> None:
     assert above.startswith("a: the held-out error is above the noise")
 
 
+def test_what_the_runs_cannot_tell_stays_open() -> None:
+    def alike(effect: str, joint: str, *others: tuple[str, str]) -> dict[str, Any]:
+        apart = [
+            {"effects": [{"effect": name, "joints": [at]}], "why": "the same", "motion_that_would_tell": f"try {at}"}
+            for name, at in others
+        ]
+        return entry(effect, [joint], [], indistinguishable_from=apart)
+
+    d: dict[str, Any] = {
+        "joints": ["a", "b", "c"],
+        "unexplained": [],
+        "effects": [
+            alike("coulomb_friction", "a", ("stribeck_friction", "a")),
+            alike("coulomb_friction", "c", ("stribeck_friction", "c")),
+            alike("armature", "b", ("link_inertia", "b"), ("link_inertia", "c")),
+            alike("armature", "a") | {"confirmed": False, "indistinguishable_from": [None]},
+        ],
+    }
+    assert words.still_open(d) == [
+        "Coulomb friction on a and c cannot be told from Stribeck friction.",
+        "Armature on b cannot be told from link inertia on b and c.",
+    ]
+    # What would tell is not the same for both links.
+    assert words.alike(d, by_motion=True)[-2:] == [
+        ("armature on b", "link inertia", "Try b"),
+        ("armature on b", "link inertia on c", "Try c"),
+    ]
+    assert "3 of the names cannot be told from another cause: see what stays open." in words.certainty(d)
+    two = [{"effect": name, "joints": ["b"]} for name in ("coulomb_friction", "torque_offset")]
+    both = alike("asymmetric_coulomb_friction", "b")
+    both["indistinguishable_from"] = [{"effects": two, "motion_that_would_tell": "rest"}]
+    (line,) = words.still_open(d | {"effects": [both]})
+    assert line == "Asymmetric Coulomb friction on b cannot be told from Coulomb friction with torque offset."
+    assert words.opens(d)
+    assert not words.opens(d | {"effects": []})
+
+
+def test_numbers_that_the_runs_leave_open_stay_open() -> None:
+    mass, com = parameter("mass", 4.0, 0.1, "kg"), parameter("com_x", 0.1, 0.01, "m")
+    payload = entry("payload", [], [mass, com], undetermined_parameters=["mass"], indistinguishable_from=[])
+    d: dict[str, Any] = {"joints": ["a"], "unexplained": [], "effects": [payload]}
+    assert words.still_open(d) == ["Payload: mass left to the starting model."]
+    links = [p | {"joint": joint} for joint in ("a", "b") for p in (mass, com)]
+    names = [f"{p['joint']}/{p['name']}" for p in links]
+    payload |= {"parameters": links, "undetermined_parameters": names}
+    assert words.still_open(d) == ["Payload: 4 of 4 numbers left to the starting model."]
+
+
 def test_the_largest_cause_is_named_first() -> None:
     delay = entry("time_delay", [], [parameter("delay", 1e-6, 1e-7, "s")])
     friction = entry("viscous_friction", ["a"], [parameter("viscous_coefficient", 2.0, 0.1, "N m s/rad", "a")])

@@ -104,7 +104,7 @@ class Torque(LoopSection):
 
 
 class Left(LoopSection):
-    """What no effect explains, with a formula; contradicted names; motion outside the training range."""
+    """What no effect explains, with a formula; what cannot be told apart; motion outside the training range."""
 
     title = "What stays open"
     name = LEFT
@@ -112,7 +112,7 @@ class Left(LoopSection):
 
     @property
     def wanted(self) -> bool:
-        return bool(self.diagnosis["unexplained"] or self.diagnosis.get("extrapolation"))
+        return words.opens(self.diagnosis)
 
     def values(self, book: FigureBook) -> dict[str, Any]:
         d = self.diagnosis
@@ -127,6 +127,11 @@ class Left(LoopSection):
                 }
                 for u in d["unexplained"]
             ],
+            "alike": [
+                {"name": words.capital(name), "others": others, "motion": motion}
+                for name, others, motion in words.alike(d, by_motion=True)
+            ],
+            "numbers": [words.capital(phrase) for phrase in words.open_numbers(d)],
             "outside": [
                 {
                     "joint": o["joint"],

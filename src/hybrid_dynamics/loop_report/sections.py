@@ -5,6 +5,7 @@ The study's page shows some of the same sections under a prefix of their own, so
 
 from __future__ import annotations
 
+import inspect
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ from typing import Any, ClassVar
 
 from hybrid_dynamics.effects import family
 from hybrid_dynamics.effects.units import with_unit
+from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import KINDS, Content, Group
@@ -96,7 +98,7 @@ class Answer(LoopSection):
             "gains": words.gains(d),
             "certainty": words.certainty(d),
             "still_open": [_unbroken(line) for line in words.still_open(d)],
-            "link_left": "#" + self.prefix + LEFT if d["unexplained"] else "",
+            "link_left": "#" + self.prefix + LEFT if words.opens(d) else "",
             "bars": bars(d),
             "first": [_unbroken(words.capital(note)) for note in words.told_first(d)],
             "notes": words.other_notes(d),
@@ -181,7 +183,7 @@ class Effects(LoopSection):
         return {
             "groups": [self._group(group) for group in self.content.groups],
             "explanations": [
-                {"effect": name, "title": words.capital(words.title_of(name)), "text": words.explanation_of(name)}
+                {"effect": name, "title": words.capital(words.title_of(name)), "text": explanation_of(name)}
                 for name in dict.fromkeys(e["effect"] for e in self.diagnosis["effects"])
             ],
             "mass_caveat": _mass_caveat(self.diagnosis),
@@ -224,6 +226,17 @@ class Effects(LoopSection):
             "evidence": "" if not group.curves else "#" + self.group_anchor(group),
             "rows": rows,
         }
+
+
+def explanation_of(effect: str) -> str:
+    """What the effect is: the first paragraph of its family's documentation."""
+    try:
+        known = type(family(effect))
+    except ConfigError:
+        return ""
+    module = inspect.getmodule(known)
+    text = inspect.getdoc(module) if module is not None else None
+    return " ".join((text or "").split("\n\n")[0].split()).replace("``", "")
 
 
 def _parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:

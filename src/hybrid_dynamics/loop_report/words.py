@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hybrid_dynamics.effects import family
 from hybrid_dynamics.effects.units import unit_at
-from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.loop.described import WORSE
 
 Diagnosis = Mapping[str, Any]
@@ -102,17 +99,6 @@ def with_error(value: float, error: float | None, unit: str) -> str:
 def title_of(effect: str) -> str:
     """``coulomb_friction`` as people write it."""
     return " ".join(PROPER.get(word, word) for word in effect.split("_"))
-
-
-def explanation_of(effect: str) -> str:
-    """What the effect is: the first paragraph of its family's documentation."""
-    try:
-        known = type(family(effect))
-    except ConfigError:
-        return ""
-    module = inspect.getmodule(known)
-    text = inspect.getdoc(module) if module is not None else None
-    return " ".join((text or "").split("\n\n")[0].split()).replace("``", "")
 
 
 def capital(text: str) -> str:
@@ -251,14 +237,9 @@ def certainty(d: Diagnosis) -> list[str]:
     out = []
     effects = d["effects"]
     out += _asked([e for e in effects if "confirmed" in e])
-    alike = [e for e in effects if confirmed(e) and e["indistinguishable_from"]]
-    if alike:
-        pairs = "; ".join(
-            f"{title_of(e['effect'])} ({place_of(e)}) from {_alternative(e['indistinguishable_from'][0])}"
-            for e in alike[:3]
-        )
-        more = f"; and {len(alike) - 3} more" if len(alike) > 3 else ""
-        out.append(f"These runs cannot tell {pairs}{more}.")
+    if torn := sum(confirmed(e) and bool(e["indistinguishable_from"]) for e in effects):
+        which = f"{torn} of the names" if len(effects) > 1 else "The name"
+        out.append(f"{which} cannot be told from another cause: see what stays open.")
     inconsistent = [e for e in effects if e.get("inconsistent_between_runs")]
     if inconsistent:
         about = ", ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in inconsistent)
@@ -298,12 +279,55 @@ def _names(entries: Sequence[Mapping[str, Any]]) -> str:
     return "; ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in entries)
 
 
-def _alternative(alternative: Mapping[str, Any]) -> str:
-    return " with ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in alternative["effects"])
+def alike(d: Diagnosis, by_motion: bool = False) -> list[tuple[str, str, str]]:
+    """What these runs cannot tell apart: a name with its joints, other causes, and the motion that would tell them.
+
+    Names that have the same other causes stand together; the motion is left out unless asked for ``by_motion``.
+    """
+    groups: dict[tuple[str, str, str], list[str]] = {}
+    for entry in filter(confirmed, d.get("effects", ())):
+        parts: dict[str, list[Mapping[str, Any]]] = {}
+        for other in entry["indistinguishable_from"]:
+            parts.setdefault(capital(other["motion_that_would_tell"]) if by_motion else "", []).append(other)
+        for motion, others in parts.items():
+            found = (entry["effect"], _others(others, entry["joints"], d["joints"]), motion)
+            groups.setdefault(found, []).extend(entry["joints"])
+    return [
+        (title_of(effect) + (f" on {where(at, d['joints'])}" if at else ""), others, motion)
+        for (effect, others, motion), at in groups.items()
+    ]
+
+
+def _others(others: Sequence[Mapping[str, Any]], own: Sequence[str], joints: Sequence[str]) -> str:
+    """Other causes, with their joints where these are not the name's ``own``."""
+    places: dict[str, list[str]] = {}
+    for other in others:
+        effects = other["effects"]
+        if len(effects) == 1:
+            places.setdefault(title_of(effects[0]["effect"]), []).extend(effects[0]["joints"])
+        else:
+            here = all(list(e["joints"]) == list(own) for e in effects)
+            names = (title_of(e["effect"]) + ("" if here else f" ({place_of(e)})") for e in effects)
+            places.setdefault(" with ".join(names), [])
+    return " or ".join(
+        name + (f" on {where(at, joints)}" if at and at != list(own) else "") for name, at in places.items()
+    )
+
+
+def open_numbers(d: Diagnosis) -> list[str]:
+    """What of the names' parameters the runs leave to the starting model, a phrase an effect."""
+    out = []
+    for entry in filter(confirmed, d.get("effects", ())):
+        names = [title_of(p["name"]) for p in entry["parameters"] if left_open(entry, p)]
+        few = listed(names) if 0 < len(names) <= _NAMED else f"{len(names)} of {len(entry['parameters'])} numbers"
+        if names:
+            place = f" on {place_of(entry)}" if entry["joints"] else ""
+            out.append(f"{title_of(entry['effect'])}{place}: {few} left to the starting model")
+    return out
 
 
 def still_open(d: Diagnosis) -> list[str]:
-    """What stays open, joint by joint, in words."""
+    """What stays open in words: what is left, joint by joint, and what of the names these runs cannot tell."""
     out = []
     dependent = _flags(d, "motion_dependent")
     for entry in d["unexplained"]:
@@ -323,9 +347,16 @@ def still_open(d: Diagnosis) -> list[str]:
         names = [name for j, name in enumerate(d["joints"]) if name not in told and state_of(d, j)[1] == state]
         if names:
             out.append(f"{where(names, d['joints'])}: {words}.")
+    out += [f"{capital(name)} cannot be told from {others}." for name, others, _ in alike(d)]
+    out += [f"{capital(phrase)}." for phrase in open_numbers(d)]
     if not out:
         out.append("Nothing that these runs show: what is left on every joint does not depend on the motion.")
     return out
+
+
+def opens(d: Diagnosis) -> bool:
+    """Whether a section of its own tells what stays open."""
+    return bool(d["unexplained"] or d.get("extrapolation") or alike(d) or open_numbers(d))
 
 
 def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
