@@ -12,7 +12,7 @@ from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.bokeh_json import Drawing
 from hybrid_dynamics.loop_report.content import Candidate, Curve, SearchStep, Trace
-from hybrid_dynamics.loop_report.details import _title, _together
+from hybrid_dynamics.loop_report.details import _how_much, _title, _together
 from hybrid_dynamics.loop_report.gather import _key, _swapped, kind_of, run_title
 from hybrid_dynamics.loop_report.parameter_words import missing
 from hybrid_dynamics.loop_report.plots import curve_figure, torque_figure
@@ -88,6 +88,19 @@ def test_a_joint_whose_test_runs_leave_more_says_so_before_all_doubt() -> None:
     assert words.still_open(d) == ["a: the test runs leave more than the training runs; no cause found."]
     d["motion_dependent"] = [True]
     assert words.state_of(d, 0) == ("open", words.ALARM)
+
+
+def test_what_can_be_learned_is_one_number_on_the_whole_page() -> None:
+    # The entry's own share is what the test runs leave beyond the training runs: no black box learns it.
+    left = {"joint": "a", "share_of_residual_variance": 0.6, "expression": "0"}
+    d: dict[str, Any] = {"joints": ["a"], "unexplained": [left], "motion_dependent": [True], "learnable_share": [0.54]}
+    (line,) = words.still_open(d)
+    assert line == "a: what is left depends on the motion; 54 % of it (variance) can be learned."
+    assert _how_much(d, left) == "54 % can be learned from the motion"
+    (more,) = words.still_open(d | {"worse_on_test": [True]})
+    assert more.endswith("can be learned; the test runs leave more of it than the training runs.")
+    parted = d | {"motion_dependent": [False], "worse_on_test": [True]}
+    assert _how_much(parted, left) == "60 % is more than noise, or than the training runs leave"
 
 
 def test_what_is_above_the_noise_stays_open() -> None:

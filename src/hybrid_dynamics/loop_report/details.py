@@ -247,8 +247,11 @@ def _title(steps: Sequence[SearchStep]) -> str:
 def _how_much(d: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
     """Which share of what is left the state of the joint is about."""
     size = words.share(entry["share_of_residual_variance"])
-    kind = words.state_of(d, list(d["joints"]).index(entry["joint"]))[1]
-    return {words.ALARM: f"{size} can be learned from the motion", words.SLOW: f"{size} changes slowly"}.get(kind, size)
+    return {
+        words.ALARM: f"{words.share(words.learned(d, entry))} can be learned from the motion",
+        words.SLOW: f"{size} changes slowly",
+        words.PARTED: f"{size} is more than noise, or than the training runs leave",
+    }.get(words.state_of(d, list(d["joints"]).index(entry["joint"]))[1], size)
 
 
 class Reproduce(LoopSection):

@@ -92,7 +92,7 @@ class Answer(LoopSection):
         return {
             "verdict": d["verdict"],
             "headline": words.VERDICTS[d["verdict"]],
-            "what": words.what(d),
+            "what": what(d),
             "missing": [_unbroken(line) for line in missing(d, _sizes(self.content))],
             "link": "#" + self.prefix + Effects.name if d["effects"] else "",
             "gains": words.gains(d),
@@ -105,6 +105,13 @@ class Answer(LoopSection):
             "schema_two": "noise_floor_low" in d,
             "mass_caveat": _mass_caveat(d),
         }
+
+
+def what(d: Mapping[str, Any]) -> str:
+    """What the effects are the answer to."""
+    if words.asked(d):
+        return "What has changed"
+    return "What is missing, or wrong in the URDF" if words.described(d) else "What is missing"
 
 
 def _unbroken(text: str) -> str:

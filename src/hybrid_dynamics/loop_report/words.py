@@ -166,18 +166,6 @@ def described(d: Diagnosis) -> bool:
     return any("urdf" in ends for e in d["effects"] for ends in (e.get("in_all") or {}).values())
 
 
-def what(d: Diagnosis) -> str:
-    """What the effects are the answer to."""
-    if asked(d):
-        return "What has changed"
-    return "What is missing, or wrong in the URDF" if described(d) else "What is missing"
-
-
-def title(d: Diagnosis) -> str:
-    """What the page of one loop is called."""
-    return f"What has changed on {d['robot']}" if asked(d) else f"What the model of {d['robot']} lacks"
-
-
 def run_words(run: str) -> str:
     """``run 3``; a name that says so itself, as it is."""
     return run if run.lower().startswith("run") else f"run {run}"
@@ -336,7 +324,11 @@ def still_open(d: Diagnosis) -> list[str]:
         if "motion_dependent" not in d:
             out.append(f"{entry['joint']}: {part} of what is left (variance) is not noise.")
         elif dependent[j]:
-            out.append(f"{entry['joint']}: what is left depends on the motion; {part} of it (variance) can be learned.")
+            more = "; the test runs leave more of it than the training runs" if _flags(d, "worse_on_test")[j] else ""
+            part = share(learned(d, entry))
+            out.append(
+                f"{entry['joint']}: what is left depends on the motion; {part} of it (variance) can be learned{more}."
+            )
         elif _flags(d, "worse_on_test")[j]:
             out.append(f"{entry['joint']}: the test runs leave more than the training runs; no cause found.")
         else:
@@ -352,6 +344,15 @@ def still_open(d: Diagnosis) -> list[str]:
     if not out:
         out.append("Nothing that these runs show: what is left on every joint does not depend on the motion.")
     return out
+
+
+def learned(d: Diagnosis, entry: Mapping[str, Any]) -> float:
+    """Share of what all runs leave on the joint of ``entry`` (of ``unexplained``) that a black box learns.
+
+    The share that ``entry`` gives is at least as large: also what the test runs leave beyond the training runs counts.
+    """
+    known = d.get("learnable_share")
+    return float(known[list(d["joints"]).index(entry["joint"])] if known else entry["share_of_residual_variance"])
 
 
 def opens(d: Diagnosis) -> bool:
