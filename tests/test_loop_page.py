@@ -16,10 +16,10 @@ from tests.browser import look
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop import close_loop
+from hybrid_dynamics.loop import LoopResult, close_loop
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.content import Content, Curve, read_content, write_content
-from hybrid_dynamics.loop_report.gather import gather
+from hybrid_dynamics.loop_report.gather import _laws, gather
 from hybrid_dynamics.loop_report.plots import drawn, law_of
 from hybrid_dynamics.loop_report.report import content_html
 from hybrid_dynamics.loop_report.sections import explanation_of
@@ -31,7 +31,7 @@ COULOMB, ARMATURE = 1.5, 0.3
 
 
 @pytest.fixture(scope="module")
-def content() -> Content:
+def result() -> LoopResult:
     fixed = (*(f"panda_joint{j}" for j in (4, 5, 6, 7)), "panda_finger_joint1", "panda_finger_joint2")
     robot = Robot.from_urdf(find_description("panda.urdf"), lock=fixed)
     planted = [
@@ -40,7 +40,12 @@ def content() -> Content:
         Effect("armature", ("panda_joint3",), {"armature": ARMATURE}),
     ]
     train, test = excitations(robot, planted, train=2, test=2, duration=6.0)
-    return gather(close_loop(robot, train, test), "simulated")
+    return close_loop(robot, train, test)
+
+
+@pytest.fixture(scope="module")
+def content(result: LoopResult) -> Content:
+    return gather(result, "simulated")
 
 
 @pytest.fixture(scope="module")
@@ -201,6 +206,25 @@ def test_contradicted_names_alarms_and_origin_are_shown_as_such(content):
     found = Structure(page)
     assert len(found.ids) == len(set(found.ids))
     assert set(found.links) <= set(found.ids)
+
+
+def test_a_formula_for_what_is_left_is_told_with_what_it_is_worth(result, content):
+    law = "0.8*cos(3*q1)"
+    torque = [0.8 * np.cos(3 * run.q[:, 0]) for run in result.test]
+    off = [replace(run, tau=run.tau + np.outer(t, [0, 1, 0])) for run, t in zip(result.test, torque, strict=True)]
+    d = dict(content.diagnosis) | {
+        "unexplained": [{"joint": "panda_joint2", "share_of_residual_variance": 0.6, "expression": law}]
+    }
+    (found,) = _laws(replace(result, test=tuple(off)), d)
+    moving = np.concatenate([run.mask[:, 1] for run in result.test])
+    planted = float(np.mean(np.concatenate(torque)[moving] ** 2))
+    assert found.after == pytest.approx(content.diagnosis["error_moving"]["test"]["after"]["rmse"][1], rel=1e-3)
+    assert found.before**2 - found.after**2 == pytest.approx(planted, rel=0.05)
+    page = content_html(replace(content, diagnosis=d, laws=(found,)))
+    assert f"{words.share(1 - (found.after / found.before) ** 2)} (rms {found.before:#.3g} → " in page
+    assert _laws(result, d | {"unexplained": [{"joint": "panda_joint2", "expression": "0"}]}) == []
+    # Pages of earlier results have none.
+    assert '<td class="text">–</td>' in content_html(replace(content, diagnosis=d))
 
 
 def test_nothing_missing_is_said_plainly(content):

@@ -92,6 +92,16 @@ class Trace:
 
 
 @dataclass(frozen=True)
+class Law:
+    """Formula that the diagnosis gives for what is left on ``joint``, tried on the held-out runs: rms error [N m] over
+    samples in which the joint moves, ``before`` and ``after`` the formula is taken from it."""
+
+    joint: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
 class Candidate:
     """A cause that was tried in a step: ``score`` and ``gain`` in squared noise floors a sample; ``added`` if taken."""
 
@@ -128,6 +138,7 @@ class Content:
     traces: tuple[Trace, ...] = ()
     steps: tuple[SearchStep, ...] = ()
     provenance: str = ""
+    laws: tuple[Law, ...] = ()
 
 
 #: Fields of a class that hold others.
@@ -135,6 +146,7 @@ _PARTS: Mapping[tuple[type, str], type] = {
     (Content, "groups"): Group,
     (Content, "traces"): Trace,
     (Content, "steps"): SearchStep,
+    (Content, "laws"): Law,
     (Group, "curves"): Curve,
     (SearchStep, "candidates"): Candidate,
 }

@@ -9,7 +9,7 @@ from typing import Any
 from hybrid_dynamics.effects.units import with_unit
 from hybrid_dynamics.loop_report import plots, words
 from hybrid_dynamics.loop_report.book import FigureBook
-from hybrid_dynamics.loop_report.content import AXES, KINDS, SearchStep
+from hybrid_dynamics.loop_report.content import AXES, KINDS, Law, SearchStep
 from hybrid_dynamics.loop_report.sections import LEFT, Answer, Effects, LoopSection, range_of
 
 #: Points of a curve on a page over many loops.
@@ -124,6 +124,7 @@ class Left(LoopSection):
                     "share": _how_much(d, u),
                     "state": words.state_of(d, list(d["joints"]).index(u["joint"]))[1],
                     "expression": "" if u["expression"] == "0" else u["expression"],
+                    "worth": _worth(d, self.content.laws, u["joint"]),
                 }
                 for u in d["unexplained"]
             ],
@@ -242,6 +243,15 @@ def _title(steps: Sequence[SearchStep]) -> str:
     if step.action == "replace":
         return f"replace {' and '.join(step.replaced)} by {words.placed(step.effect, step.joint)}"
     return f"{step.action} {', '.join(words.placed(own.effect, own.joint) for own in steps)}"
+
+
+def _worth(d: Mapping[str, Any], laws: Sequence[Law], joint: str) -> str:
+    """What the formula for ``joint`` takes of the held-out error; nothing where it has not been tried."""
+    for law in laws:
+        if law.joint == joint and law.before > 0:
+            ends = f"{words.padded(law.before)} → {words.padded(law.after)} {words.effort_unit(d, joint)}"
+            return f"{words.share(1 - (law.after / law.before) ** 2)} (rms {ends})"
+    return ""
 
 
 def _how_much(d: Mapping[str, Any], entry: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from hybrid_dynamics.loop.diagnosis import predict_run, rounded
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.search import Step
-from hybrid_dynamics.loop_report.content import KINDS, Candidate, Content, Curve, Group, SearchStep, Trace
+from hybrid_dynamics.loop_report.content import KINDS, Candidate, Content, Curve, Group, Law, SearchStep, Trace
 from hybrid_dynamics.loop_report.words import placed
 from hybrid_dynamics.types import Array
 
@@ -59,6 +59,7 @@ def gather(result: LoopResult, provenance: str = "") -> Content:
         traces=tuple(_traces(result)),
         steps=tuple(_steps(result, names)),
         provenance=provenance,
+        laws=tuple(_laws(result, diagnosis)),
     )
 
 
@@ -174,6 +175,29 @@ def _traces(result: LoopResult) -> list[Trace]:
         for j, name in enumerate(names):
             shown = (_numbers(values[thin, j]) for values in (run.tau, before, after))
             out.append(Trace(run_title(run.name), name, time, *shown))
+    return out
+
+
+def _laws(result: LoopResult, diagnosis: dict[str, Any]) -> list[Law]:
+    """What every formula for what is left takes of the error of the held-out runs."""
+    asked = [entry for entry in diagnosis["unexplained"] if entry["expression"] != "0"]
+    if not asked:
+        return []
+    # Formulas are rare, and their library takes a second to import.
+    from hybrid_dynamics.models.expressions import CompiledExpressions, parse_expression
+
+    joints = list(diagnosis["joints"])
+    names = [f"{s}{j + 1}" for s in ("q", "dq", "ddq") for j in range(len(joints))]
+    law = CompiledExpressions([parse_expression(entry["expression"], names) for entry in asked], names)
+    left = [run.tau - predict_run(result.model, run) for run in result.test]
+    taken = [law(np.hstack([run.q, run.dq, run.ddq])) for run in result.test]
+    out = []
+    for k, entry in enumerate(asked):
+        j = joints.index(entry["joint"])
+        moving = np.concatenate([run.mask[:, j] for run in result.test])
+        before = np.concatenate([error[:, j] for error in left])[moving]
+        after = before - np.concatenate([torque[:, k] for torque in taken])[moving]
+        out.append(Law(entry["joint"], *(_round(np.sqrt(np.mean(error**2))) for error in (before, after))))
     return out
 
 
