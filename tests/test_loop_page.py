@@ -19,7 +19,7 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopResult, close_loop
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.content import Content, Curve, read_content, write_content
-from hybrid_dynamics.loop_report.gather import _laws, gather
+from hybrid_dynamics.loop_report.gather import _described, _laws, gather
 from hybrid_dynamics.loop_report.plots import drawn, law_of
 from hybrid_dynamics.loop_report.report import content_html
 from hybrid_dynamics.loop_report.sections import explanation_of
@@ -206,6 +206,26 @@ def test_contradicted_names_alarms_and_origin_are_shown_as_such(content):
     found = Structure(page)
     assert len(found.ids) == len(set(found.ids))
     assert set(found.links) <= set(found.ids)
+
+
+def test_the_numbers_of_links_are_told_beside_those_of_the_urdf(result, content):
+    robot = result.model.robot
+    body = robot.model.inertias[robot.joint_ids[1]]
+    new = {"name": "mass", "joint": "panda_joint2", "value": body.mass + 0.5, "std_error": 0.02, "unit": "kg"}
+    other = {"name": "mass", "joint": "panda_joint3", "value": 9.0, "std_error": 0.01, "unit": "kg"}
+    links = {
+        "effect": "inertial_parameters", "joints": [], "settings": {"links": ["panda_joint2", "panda_joint3"]},
+        "parameters": [new, other], "undetermined_parameters": ["panda_joint3/mass"], "indistinguishable_from": [],
+    }  # fmt: skip
+    d = dict(content.diagnosis) | {"effects": [links]}
+    before = _described(result, d)
+    assert len(before) == 20
+    assert before["panda_joint2/mass"] == pytest.approx(body.mass, rel=1e-4)
+    assert before["panda_joint2/com_y"] == pytest.approx(body.lever[1], rel=1e-4)
+    answer = Structure(content_html(replace(content, diagnosis=d, groups=(), described=before))).answer
+    told = f"decide 1 of 2 numbers; most surely changed is mass of panda_joint2, {body.mass:.3g} → "
+    assert told in answer.replace("\u00a0", " ")
+    assert _described(result, content.diagnosis) == {}
 
 
 def test_a_formula_for_what_is_left_is_told_with_what_it_is_worth(result, content):

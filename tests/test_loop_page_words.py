@@ -34,7 +34,16 @@ def test_a_parameter_that_the_runs_leave_open_has_no_error_that_looks_measured()
     assert "±" in words.value_of(links, links["parameters"][1])  # another link's mass is not the same parameter
     links["settings"] = {"links": ["a", "b"]}
     (phrase,) = missing({"effects": [links], "joints": ["a", "b"]})
-    assert phrase == "Inertial parameters: 2 links"
+    assert phrase == "Inertial parameters of 2 links: these runs decide 1 of 2 numbers"
+    # What is left open has not changed, however far its number is from the starting model's.
+    links["parameters"].append(parameter("com_x", 0.1, 0.02, "m", "b"))
+    (phrase,) = missing(
+        {"effects": [links], "joints": ["a", "b"]}, before={"a/mass": 1.0, "b/mass": 4.971, "b/com_x": 0.02}
+    )
+    assert phrase == (
+        "Inertial parameters of 2 links: these runs decide 2 of 3 numbers; "
+        "most surely changed is centre of mass x of b, 0.02 → 0.100 ± 0.020 m"
+    )
     payload = entry("payload", [], [mass | {"joint": None}], undetermined_parameters=["mass"])
     assert missing({"effects": [payload], "joints": ["a"]}) == ["Payload: mass 4.971 kg (left open by these runs)"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -129,7 +129,8 @@ class SearchStep:
 
 @dataclass(frozen=True)
 class Content:
-    """Everything the page shows. ``diagnosis`` is diagnosis.json; ``provenance`` says where the logs come from."""
+    """Everything the page shows. ``diagnosis`` is diagnosis.json; ``provenance`` says where the logs come from;
+    ``described`` are the numbers of the starting model's links, by ``"joint/mass"`` and so on."""
 
     diagnosis: Mapping[str, Any]
     train_runs: tuple[str, ...]
@@ -139,6 +140,7 @@ class Content:
     steps: tuple[SearchStep, ...] = ()
     provenance: str = ""
     laws: tuple[Law, ...] = ()
+    described: Mapping[str, float] = field(default_factory=dict)
 
 
 #: Fields of a class that hold others.

@@ -10,6 +10,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.inertia import link_parameters, to_body
 from hybrid_dynamics.loop.close import LoopResult
 from hybrid_dynamics.loop.diagnosis import predict_run, rounded
 from hybrid_dynamics.loop.model import Model
@@ -60,6 +61,7 @@ def gather(result: LoopResult, provenance: str = "") -> Content:
         steps=tuple(_steps(result, names)),
         provenance=provenance,
         laws=tuple(_laws(result, diagnosis)),
+        described=_described(result, diagnosis),
     )
 
 
@@ -176,6 +178,19 @@ def _traces(result: LoopResult) -> list[Trace]:
             shown = (_numbers(values[thin, j]) for values in (run.tau, before, after))
             out.append(Trace(run_title(run.name), name, time, *shown))
     return out
+
+
+def _described(result: LoopResult, diagnosis: dict[str, Any]) -> dict[str, float]:
+    """What the URDF says of links whose numbers are found together; nothing where the start had bodies of its own."""
+    base = result.models[0]
+    found = [e for e in diagnosis["effects"] if family(e["effect"]).all_links]
+    if not found or any(family(e.effect).changes_body for e in base.effects):
+        return {}
+    out: dict[str, float] = {}
+    for joint in {p["joint"] for entry in found for p in entry["parameters"]}:
+        body = to_body(link_parameters(base.robot, list(diagnosis["joints"]).index(joint)))
+        out |= {f"{joint}/{name}": _round(value) for name, value in body.items()}
+    return dict(sorted(out.items()))
 
 
 def _laws(result: LoopResult, diagnosis: dict[str, Any]) -> list[Law]:

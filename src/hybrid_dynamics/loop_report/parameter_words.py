@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hybrid_dynamics.loop_report.words import (
+    SURE,
     arrow,
     capital,
     confirmed,
@@ -25,23 +26,33 @@ _MOST = 4
 UNDECIDED = " (not decided by the held-out runs)"
 
 
-def missing(diagnosis: Mapping[str, Any], sizes: Mapping[str, float] | None = None) -> list[str]:
+def missing(
+    diagnosis: Mapping[str, Any],
+    sizes: Mapping[str, float] | None = None,
+    before: Mapping[str, float] | None = None,
+) -> list[str]:
     """A phrase a kind of effect that stands in the model: what, where, how much, how sure.
 
     ``sizes`` is the torque [N m] that a kind adds: the largest comes first. Without it, the order of naming. Names that
-    the held-out runs do not decide come last and say so.
+    the held-out runs do not decide come last and say so. ``before``: what the starting model says of the links, by
+    ``"joint/mass"``.
     """
     groups: dict[tuple[bool, str], list[Entry]] = {}
     for entry in diagnosis["effects"]:
         if confirmed(entry):
             groups.setdefault((standing(entry) == "undecided", entry["effect"]), []).append(entry)
     order = sorted(groups, key=lambda group: (group[0], -(sizes or {}).get(group[1], 0.0)))
-    return [capital(_missing(groups[group], diagnosis["joints"])) + (UNDECIDED if group[0] else "") for group in order]
+    return [
+        capital(_missing(groups[group], diagnosis["joints"], before or {})) + (UNDECIDED if group[0] else "")
+        for group in order
+    ]
 
 
-def _missing(entries: Sequence[Entry], joints: Sequence[str]) -> str:
+def _missing(entries: Sequence[Entry], joints: Sequence[str], before: Mapping[str, float]) -> str:
     if len(entries) == 1:
         (entry,) = entries
+        if len({p.get("joint") for p in entry["parameters"]}) > 1:
+            return _links(entry, before)
         values = [
             f"{_named(entry, p['name'])}{value_of(entry, p)}"
             + (" (left open by these runs)" if left_open(entry, p) else "")
@@ -54,6 +65,21 @@ def _missing(entries: Sequence[Entry], joints: Sequence[str]) -> str:
     values = [f"{_named(entries[0], key)}{_range(own)}" for key, own in ranges.items()] + _open_mass(entries)
     phrase = title_of(entries[0]["effect"]) + (f" on {where(places, joints)}" if places else "")
     return f"{phrase}: {', '.join(values)}" if values else phrase
+
+
+def _links(entry: Entry, before: Mapping[str, float]) -> str:
+    """The numbers of several links: how many the runs decide, and which of these has surely changed most."""
+    parameters = entry["parameters"]
+    decided = [p for p in parameters if not left_open(entry, p)]
+    links = len({p["joint"] for p in parameters})
+    out = f"{title_of(entry['effect'])} of {links} links: these runs decide {len(decided)} of {len(parameters)} numbers"
+    known = {key: p for p in decided if (key := f"{p['joint']}/{p['name']}") in before and p["std_error"]}
+    sureness = {key: abs(p["value"] - before[key]) / p["std_error"] for key, p in known.items()}
+    if max(sureness.values(), default=0.0) <= SURE:
+        return out
+    key = max(sureness, key=sureness.__getitem__)
+    value = f"{before[key]:.3g} → {value_of(entry, known[key])}"
+    return f"{out}; most surely changed is {title_of(known[key]['name'])} of {known[key]['joint']}, {value}"
 
 
 def _named(entry: Entry, parameter: str) -> str:

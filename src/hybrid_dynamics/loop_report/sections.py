@@ -93,7 +93,7 @@ class Answer(LoopSection):
             "verdict": d["verdict"],
             "headline": words.VERDICTS[d["verdict"]],
             "what": what(d),
-            "missing": [_unbroken(line) for line in missing(d, _sizes(self.content))],
+            "missing": [_unbroken(line) for line in missing(d, _sizes(self.content), self.content.described)],
             "link": "#" + self.prefix + Effects.name if d["effects"] else "",
             "gains": words.gains(d),
             "certainty": words.certainty(d),
