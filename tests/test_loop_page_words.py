@@ -14,7 +14,7 @@ from hybrid_dynamics.loop_report.bokeh_json import Drawing
 from hybrid_dynamics.loop_report.content import Candidate, Curve, SearchStep, Trace
 from hybrid_dynamics.loop_report.details import _how_much, _title, _together
 from hybrid_dynamics.loop_report.gather import _key, _swapped, kind_of, run_title
-from hybrid_dynamics.loop_report.parameter_words import missing
+from hybrid_dynamics.loop_report.parameter_words import missing, row_words
 from hybrid_dynamics.loop_report.plots import curve_figure, torque_figure
 from hybrid_dynamics.loop_report.sections import _mass_caveat
 
@@ -171,6 +171,24 @@ def test_numbers_that_the_runs_leave_open_stay_open() -> None:
     names = [f"{p['joint']}/{p['name']}" for p in links]
     payload |= {"parameters": links, "undetermined_parameters": names}
     assert words.still_open(d) == ["Payload: 4 of 4 numbers left to the starting model."]
+
+
+def test_an_effects_row_tells_every_setting() -> None:
+    def told(effect: str, **settings: Any) -> str:
+        torque = parameter("coulomb_torque", 2.0, 0.1, "N m", "a")
+        return "; ".join(row_words(entry(effect, ["a"], [torque]) | {"settings": settings}))
+
+    assert told("asymmetric_coulomb_friction", at_rest="middle", sign_width=0.01) == (
+        "sign turns over 0.01 rad/s; at rest it holds the middle of its two torques"
+    )
+    assert told("joint_coupling", from_joint="b", rows="both", sign_of="sum") == "of a and b; of the sum of both speeds"
+    assert told("joint_coupling", from_joint="b", rows="own", sign_of="partner") == "on a from b"
+    assert told("joint_spring", shape="piecewise", knots=[-1.0, 0.12345, 2.0]) == (
+        "piecewise in q; knots: -1, 0.1235, 2"
+    )
+    assert told("torque_offset", held_within=1.22) == "held within: 1.22"
+    # One that comes later is told too.
+    assert told("viscous_friction", form="cubic") == "form: cubic"
 
 
 def test_the_largest_cause_is_named_first() -> None:

@@ -22,6 +22,11 @@ from hybrid_dynamics.loop_report.words import (
 Entry = Mapping[str, Any]
 #: An effect with more parameters than this has a table's worth of them; the headline counts its links.
 _MOST = 4
+#: Settings that :func:`settings_words` and :func:`place` tell in words of their own, or that the effect's name tells.
+_IN_WORDS = (
+    "sign_of", "of", "response", "shape", "expression", "links", "intervals", "only_run", "sign_width",
+    "sign_displacement", "at_rest", "from_joint", "rows",
+)  # fmt: skip
 #: Stands behind a name that the model has and the held-out runs neither confirm nor contradict.
 UNDECIDED = " (not decided by the held-out runs)"
 
@@ -146,7 +151,7 @@ def _open_mass(entries: Sequence[Entry]) -> list[str]:
 
 
 def settings_words(entry: Entry, placed: bool = False) -> list[str]:
-    """What is not a number that was identified; with ``placed`` also how dry friction turns over."""
+    """What is not a number that was identified; with ``placed`` all of it: also how dry friction turns over."""
     settings = dict(entry.get("settings") or {})
     out = []
     if settings.get("sign_of") in ("sum", "difference"):
@@ -175,7 +180,28 @@ def settings_words(entry: Entry, placed: bool = False) -> list[str]:
         out.append(f"sign turns over {settings['sign_width']:g} {length}/s")
     if placed and settings.get("sign_displacement"):
         out.append(f"sign turns over {settings['sign_displacement']:g} {length}")
+    if placed and settings.get("at_rest") == "middle":
+        out.append("at rest it holds the middle of its two torques")
+    if placed:
+        # What has no words of its own is told as it stands in model.json.
+        out += [f"{title_of(key)}: {_shown(value)}" for key, value in settings.items() if key not in _IN_WORDS]
     return out
+
+
+def row_words(entry: Entry) -> list[str]:
+    """:func:`settings_words` where a row stands under its joint: the partner of a coupling too."""
+    partner = [place(entry).removeprefix(f"{title_of(entry['effect'])} ")] if _coupled(entry) else []
+    return partner + settings_words(entry, placed=True)
+
+
+def _coupled(entry: Entry) -> bool:
+    return bool(entry["joints"]) and "from_joint" in (entry.get("settings") or {})
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(map(_shown, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _ranges(entries: Sequence[Entry]) -> dict[str, list[Mapping[str, Any]]]:

@@ -19,7 +19,7 @@ from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import KINDS, Content, Group
 from hybrid_dynamics.loop_report.html import slug
-from hybrid_dynamics.loop_report.parameter_words import missing, settings_words
+from hybrid_dynamics.loop_report.parameter_words import missing, row_words
 
 #: Anchor of the section on what stays open, which the first screen links.
 LEFT = "left"
@@ -213,7 +213,7 @@ class Effects(LoopSection):
                     "body": len(shown) > 4,
                     "open": sum(bool(p["left_open"]) for p in shown),
                     "parameters": shown,
-                    "settings": ", ".join(settings_words(entry, placed=True)),
+                    "settings": ", ".join(row_words(entry)),
                     "width": 100 * group.contribution[place] / largest,
                     "adds": words.number(group.contribution[place], 3),
                     "adds_unit": words.effort_unit(self.diagnosis, group.contribution_joint[place]),
