@@ -250,7 +250,8 @@ def _worth(d: Mapping[str, Any], laws: Sequence[Law], joint: str) -> str:
     for law in laws:
         if law.joint == joint and law.before > 0:
             ends = f"{words.padded(law.before)} → {words.padded(law.after)} {words.effort_unit(d, joint)}"
-            return f"{words.share(1 - (law.after / law.before) ** 2)} (rms {ends})"
+            part = words.share(1 - (law.after / law.before) ** 2)
+            return f"takes {part} of the test runs' error (variance; rms {ends})"
     return ""
 
 
