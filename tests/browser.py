@@ -34,8 +34,14 @@ PROBE = """<script>
       return box.width > 0 && box.left >= 0 && box.right > innerWidth + 1 && !scrolls;
     }).map((e) => e.tagName + "." + e.className + ": " + e.textContent.trim().slice(0, 40));
     const anchors = new Set(ids);
+    // Of bars that share a scale, those whose length is not their share of the longest one's.
+    const bars = [...document.querySelectorAll("td.adds .bar")]
+      .map((e) => [parseFloat(e.style.width), e.getBoundingClientRect().width]).filter(([share, width]) => width > 2);
+    const longest = bars.reduce((a, b) => (b[0] > a[0] ? b : a), [1, 0]);
+    const uneven = bars.filter(([share, width]) => Math.abs(width / longest[1] - share / longest[0]) > 0.03);
     return {
-      width: innerWidth, scroll: document.documentElement.scrollWidth, errors, wide: wide.slice(0, 5),
+      width: innerWidth, uneven, bars: bars.length,
+      scroll: document.documentElement.scrollWidth, errors, wide: wide.slice(0, 5),
       twice: ids.filter((id, k) => ids.indexOf(id) !== k),
       dead: [...document.querySelectorAll('a[href^="#"]')].map((a) => a.getAttribute("href").slice(1))
         .filter((id) => !anchors.has(id)),
@@ -69,7 +75,8 @@ WINDOW = '<iframe src="page.html" style="width:%dpx;height:900px;border:0"></ifr
 
 @dataclass(frozen=True)
 class Seen:
-    """What a browser ``width`` pixels wide showed; ``wide`` names elements that run off the page."""
+    """What a browser ``width`` pixels wide showed; ``wide`` names elements that run off the page,
+    ``uneven`` the share and the width of every bar that is not as long as it says."""
 
     width: int
     scroll: int
@@ -80,6 +87,8 @@ class Seen:
     plots: int
     drawn: int
     paper: str
+    bars: int
+    uneven: list[list[float]]
 
 
 def look(html: str, widths: Sequence[int], dark: bool = False) -> dict[int, Seen]:

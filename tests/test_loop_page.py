@@ -16,12 +16,13 @@ from tests.browser import look
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop import close_loop
+from hybrid_dynamics.loop import LoopResult, close_loop
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.content import Content, Curve, read_content, write_content
-from hybrid_dynamics.loop_report.gather import gather
+from hybrid_dynamics.loop_report.gather import _described, _laws, gather
 from hybrid_dynamics.loop_report.plots import drawn, law_of
 from hybrid_dynamics.loop_report.report import content_html
+from hybrid_dynamics.loop_report.sections import explanation_of
 from hybrid_dynamics.loop_report.templates import KEPT, library, template
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitations
@@ -30,7 +31,7 @@ COULOMB, ARMATURE = 1.5, 0.3
 
 
 @pytest.fixture(scope="module")
-def content() -> Content:
+def result() -> LoopResult:
     fixed = (*(f"panda_joint{j}" for j in (4, 5, 6, 7)), "panda_finger_joint1", "panda_finger_joint2")
     robot = Robot.from_urdf(find_description("panda.urdf"), lock=fixed)
     planted = [
@@ -39,7 +40,12 @@ def content() -> Content:
         Effect("armature", ("panda_joint3",), {"armature": ARMATURE}),
     ]
     train, test = excitations(robot, planted, train=2, test=2, duration=6.0)
-    return gather(close_loop(robot, train, test), "simulated")
+    return close_loop(robot, train, test)
+
+
+@pytest.fixture(scope="module")
+def content(result: LoopResult) -> Content:
+    return gather(result, "simulated")
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +114,7 @@ def test_every_effect_is_linked_to_its_evidence_and_its_explanation(content, pag
     links = Structure(page).links
     for effect in ("coulomb_friction", "viscous_friction", "armature"):
         assert f"what-{effect}" in links
-        assert words.explanation_of(effect) in page.replace("&gt;", ">").replace("&#39;", "'")
+        assert explanation_of(effect) in page.replace("&gt;", ">").replace("&#39;", "'")
     assert "evidence-panda-joint2-friction" in links
     assert "effect-coulomb-friction-panda-joint2" in links
 
@@ -143,6 +149,10 @@ def contradicted(content: Content) -> Content:
     for entry in d["effects"]:
         good = entry["effect"] != "armature"
         entry |= {"confirmed": good, "test_change": {"value": -0.2 if good else 0.07, "std_error": 0.01}}
+        if entry["effect"] == "coulomb_friction":
+            slow = {"effect": "stribeck_friction", "joints": entry["joints"], "settings": {}}
+            told = {"why": "the same torque", "motion_that_would_tell": "Move slowly."}
+            entry["indistinguishable_from"] = [{"effects": [slow], **told}]
         if not good:
             entry["why_not"] = "a correlated partner explains as much"
     for of in ("error", "error_moving"):
@@ -175,12 +185,15 @@ def test_contradicted_names_alarms_and_origin_are_shown_as_such(content):
     page = content_html(contradicted(content))
     answer = " ".join(Structure(page).answer.split())
     assert "Armature" not in answer.split("What it buys")[0]
-    assert "2 of 3 names are confirmed" in answer
-    assert "contradicted, and not in the model: armature (panda_joint3)" in answer
+    assert "confirm 2 of 3 names" in answer
+    assert "Not decided by them: none. Contradicted and not in the model: 1, armature (panda_joint3)." in answer
     assert "panda_joint2: what is left depends on the motion; 60 % of it" in answer
     assert "still depends on the motion" in answer
     assert "cannot be told from slow noise" in answer
     assert "30 % of the speed of panda_joint1" in answer
+    # What cannot be told apart stays open, on the first screen and in the section that it links.
+    assert "Coulomb friction on panda_joint2 cannot be told from Stribeck friction." in answer
+    assert re.search(r'<section id="left".*What these runs cannot tell apart.*Move slowly.*</section>', page, re.S)
     assert "✗ contradicted" in page
     assert "+7 ± 1 %" in page
     # What is said of the gain is said of the model that is kept.
@@ -191,6 +204,46 @@ def test_contradicted_names_alarms_and_origin_are_shown_as_such(content):
     found = Structure(page)
     assert len(found.ids) == len(set(found.ids))
     assert set(found.links) <= set(found.ids)
+
+
+def test_the_numbers_of_links_are_told_beside_those_of_the_urdf(result, content):
+    robot = result.model.robot
+    body = robot.model.inertias[robot.joint_ids[1]]
+    new = {"name": "mass", "joint": "panda_joint2", "value": body.mass + 0.5, "std_error": 0.02, "unit": "kg"}
+    other = {"name": "mass", "joint": "panda_joint3", "value": 9.0, "std_error": 0.01, "unit": "kg"}
+    links = {
+        "effect": "inertial_parameters", "joints": [], "settings": {"links": ["panda_joint2", "panda_joint3"]},
+        "parameters": [new, other], "undetermined_parameters": ["panda_joint3/mass"], "indistinguishable_from": [],
+    }  # fmt: skip
+    d = dict(content.diagnosis) | {"effects": [links]}
+    before = _described(result, d)
+    assert len(before) == 20
+    assert before["panda_joint2/mass"] == pytest.approx(body.mass, rel=1e-4)
+    assert before["panda_joint2/com_y"] == pytest.approx(body.lever[1], rel=1e-4)
+    answer = Structure(content_html(replace(content, diagnosis=d, groups=(), described=before))).answer
+    told = f"decide 1 of 2 numbers; most surely changed is mass of panda_joint2, {body.mass:.3g} → "
+    assert told in answer.replace("\u00a0", " ")
+    assert _described(result, content.diagnosis) == {}
+
+
+def test_a_formula_for_what_is_left_is_told_with_what_it_is_worth(result, content):
+    law = "0.8*cos(3*q1)"
+    torque = [0.8 * np.cos(3 * run.q[:, 0]) for run in result.test]
+    off = [replace(run, tau=run.tau + np.outer(t, [0, 1, 0])) for run, t in zip(result.test, torque, strict=True)]
+    d = dict(content.diagnosis) | {
+        "unexplained": [{"joint": "panda_joint2", "share_of_residual_variance": 0.6, "expression": law}]
+    }
+    (found,) = _laws(replace(result, test=tuple(off)), d)
+    moving = np.concatenate([run.mask[:, 1] for run in result.test])
+    planted = float(np.mean(np.concatenate(torque)[moving] ** 2))
+    assert found.after == pytest.approx(content.diagnosis["error_moving"]["test"]["after"]["rmse"][1], rel=1e-3)
+    assert found.before**2 - found.after**2 == pytest.approx(planted, rel=0.05)
+    page = content_html(replace(content, diagnosis=d, laws=(found,)))
+    told = f"takes {words.share(1 - (found.after / found.before) ** 2)} of the test runs&#39; error (variance; rms"
+    assert f"{told} {found.before:#.3g} → " in page
+    assert _laws(result, d | {"unexplained": [{"joint": "panda_joint2", "expression": "0"}]}) == []
+    # Pages of earlier results have none.
+    assert "error (variance; rms" not in content_html(replace(content, diagnosis=d))
 
 
 def test_nothing_missing_is_said_plainly(content):
@@ -248,6 +301,8 @@ def test_the_page_in_a_browser(page, content, dark):
         assert seen.wide == []
         assert seen.scroll <= seen.width == width
         assert seen.twice == seen.dead == []
+        assert seen.bars > 1
+        assert seen.uneven == []
         assert seen.drawn == seen.plots > 4
         assert seen.paper == ("rgb(21, 24, 28)" if dark else "rgb(255, 255, 255)")
 

@@ -12,10 +12,11 @@ from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.bokeh_json import Drawing
 from hybrid_dynamics.loop_report.content import Candidate, Curve, SearchStep, Trace
-from hybrid_dynamics.loop_report.details import _title, _together
+from hybrid_dynamics.loop_report.details import _how_much, _title, _together
 from hybrid_dynamics.loop_report.gather import _key, _swapped, kind_of, run_title
-from hybrid_dynamics.loop_report.parameter_words import missing
+from hybrid_dynamics.loop_report.parameter_words import missing, row_words
 from hybrid_dynamics.loop_report.plots import curve_figure, torque_figure
+from hybrid_dynamics.loop_report.sections import _mass_caveat
 
 
 def parameter(name: str, value: float, error: float, unit: str, joint: str | None = None) -> dict[str, Any]:
@@ -33,9 +34,41 @@ def test_a_parameter_that_the_runs_leave_open_has_no_error_that_looks_measured()
     assert "±" in words.value_of(links, links["parameters"][1])  # another link's mass is not the same parameter
     links["settings"] = {"links": ["a", "b"]}
     (phrase,) = missing({"effects": [links], "joints": ["a", "b"]})
-    assert phrase == "Inertial parameters: 2 links"
+    assert phrase == "Inertial parameters of 2 links: these runs decide 1 of 2 numbers"
+    # What is left open has not changed, however far its number is from the starting model's.
+    links["parameters"].append(parameter("com_x", 0.1, 0.02, "m", "b"))
+    (phrase,) = missing(
+        {"effects": [links], "joints": ["a", "b"]}, before={"a/mass": 1.0, "b/mass": 4.971, "b/com_x": 0.02}
+    )
+    assert phrase == (
+        "Inertial parameters of 2 links: these runs decide 2 of 3 numbers; "
+        "most surely changed is centre of mass x of b, 0.02 → 0.100 ± 0.020 m"
+    )
     payload = entry("payload", [], [mass | {"joint": None}], undetermined_parameters=["mass"])
     assert missing({"effects": [payload], "joints": ["a"]}) == ["Payload: mass 4.971 kg (left open by these runs)"]
+
+
+def test_what_a_drive_gain_does_to_a_mass_is_said_with_an_if() -> None:
+    # No log says whether its torque was computed from motor current.
+    payload = entry("payload", [], [parameter("mass", 1.5, 0.01, "kg")])
+    told = _mass_caveat({"effects": [payload]})
+    assert told.startswith("The standard error is statistical. If your torque is computed from motor current,")
+    assert told.endswith("(1 % of 1.5 kg is 0.015 kg).")
+    assert _mass_caveat({"effects": [entry("armature", ["a"], [])]}) == ""
+
+
+def test_joints_are_named_and_not_counted() -> None:
+    joints = [f"joint_{k}" for k in range(1, 7)]
+    assert words.where(joints, joints) == "all 6 joints"
+    assert words.where(joints[3:], joints) == "joint_4, joint_5 and joint_6"
+    assert words.where(joints[:5], joints) == "all joints but joint_6"
+    assert words.where([*joints[:2], *joints[4:]], joints) == "all joints but joint_3 and joint_4"
+    many = [f"j{k}" for k in range(8)]
+    assert words.where(many[4:], many) == "j4, j5, j6 and j7"
+    friction = [entry("armature", [name], [parameter("armature", 0.2, 0.01, "kg m^2")]) for name in joints[:4]]
+    assert missing({"effects": friction, "joints": joints}) == [
+        "Armature on all joints but joint_5 and joint_6: 0.2 kg m²"
+    ]
 
 
 def test_numbers_are_written_out_as_people_do() -> None:
@@ -66,6 +99,19 @@ def test_a_joint_whose_test_runs_leave_more_says_so_before_all_doubt() -> None:
     assert words.state_of(d, 0) == ("open", words.ALARM)
 
 
+def test_what_can_be_learned_is_one_number_on_the_whole_page() -> None:
+    # The entry's own share is what the test runs leave beyond the training runs: no black box learns it.
+    left = {"joint": "a", "share_of_residual_variance": 0.6, "expression": "0"}
+    d: dict[str, Any] = {"joints": ["a"], "unexplained": [left], "motion_dependent": [True], "learnable_share": [0.54]}
+    (line,) = words.still_open(d)
+    assert line == "a: what is left depends on the motion; 54 % of it (variance) can be learned."
+    assert _how_much(d, left) == "54 % can be learned from the motion"
+    (more,) = words.still_open(d | {"worse_on_test": [True]})
+    assert more.endswith("can be learned; the test runs leave more of it than the training runs.")
+    parted = d | {"motion_dependent": [False], "worse_on_test": [True]}
+    assert _how_much(parted, left) == "60 % is more than noise, or than the training runs leave"
+
+
 def test_what_is_above_the_noise_stays_open() -> None:
     def told(moving: list[float]) -> list[str]:
         d: dict[str, Any] = {"joints": ["a", "b"], "noise_floor_high": [1.0, 1.0], "unexplained": []}
@@ -77,6 +123,72 @@ def test_what_is_above_the_noise_stays_open() -> None:
     assert standing.startswith("a: noise in motion, more at standstill")
     (above,) = told([3.0, 1.0])
     assert above.startswith("a: the held-out error is above the noise")
+
+
+def test_what_the_runs_cannot_tell_stays_open() -> None:
+    def alike(effect: str, joint: str, *others: tuple[str, str]) -> dict[str, Any]:
+        apart = [
+            {"effects": [{"effect": name, "joints": [at]}], "why": "the same", "motion_that_would_tell": f"try {at}"}
+            for name, at in others
+        ]
+        return entry(effect, [joint], [], indistinguishable_from=apart)
+
+    d: dict[str, Any] = {
+        "joints": ["a", "b", "c"],
+        "unexplained": [],
+        "effects": [
+            alike("coulomb_friction", "a", ("stribeck_friction", "a")),
+            alike("coulomb_friction", "c", ("stribeck_friction", "c")),
+            alike("armature", "b", ("link_inertia", "b"), ("link_inertia", "c")),
+            alike("armature", "a") | {"confirmed": False, "indistinguishable_from": [None]},
+        ],
+    }
+    assert words.still_open(d) == [
+        "Coulomb friction on a and c cannot be told from Stribeck friction.",
+        "Armature on b cannot be told from link inertia on b and c.",
+    ]
+    # What would tell is not the same for both links.
+    assert words.alike(d, by_motion=True)[-2:] == [
+        ("armature on b", "link inertia", "Try b"),
+        ("armature on b", "link inertia on c", "Try c"),
+    ]
+    assert "3 of the names cannot be told from another cause: see what stays open." in words.certainty(d)
+    two = [{"effect": name, "joints": ["b"]} for name in ("coulomb_friction", "torque_offset")]
+    both = alike("asymmetric_coulomb_friction", "b")
+    both["indistinguishable_from"] = [{"effects": two, "motion_that_would_tell": "rest"}]
+    (line,) = words.still_open(d | {"effects": [both]})
+    assert line == "Asymmetric Coulomb friction on b cannot be told from Coulomb friction with torque offset."
+    assert words.opens(d)
+    assert not words.opens(d | {"effects": []})
+
+
+def test_numbers_that_the_runs_leave_open_stay_open() -> None:
+    mass, com = parameter("mass", 4.0, 0.1, "kg"), parameter("com_x", 0.1, 0.01, "m")
+    payload = entry("payload", [], [mass, com], undetermined_parameters=["mass"], indistinguishable_from=[])
+    d: dict[str, Any] = {"joints": ["a"], "unexplained": [], "effects": [payload]}
+    assert words.still_open(d) == ["Payload: mass left to the starting model."]
+    links = [p | {"joint": joint} for joint in ("a", "b") for p in (mass, com)]
+    names = [f"{p['joint']}/{p['name']}" for p in links]
+    payload |= {"parameters": links, "undetermined_parameters": names}
+    assert words.still_open(d) == ["Payload: 4 of 4 numbers left to the starting model."]
+
+
+def test_an_effects_row_tells_every_setting() -> None:
+    def told(effect: str, **settings: Any) -> str:
+        torque = parameter("coulomb_torque", 2.0, 0.1, "N m", "a")
+        return "; ".join(row_words(entry(effect, ["a"], [torque]) | {"settings": settings}))
+
+    assert told("asymmetric_coulomb_friction", at_rest="middle", sign_width=0.01) == (
+        "sign turns over 0.01 rad/s; at rest it holds the middle of its two torques"
+    )
+    assert told("joint_coupling", from_joint="b", rows="both", sign_of="sum") == "of a and b; of the sum of both speeds"
+    assert told("joint_coupling", from_joint="b", rows="own", sign_of="partner") == "on a from b"
+    assert told("joint_spring", shape="piecewise", knots=[-1.0, 0.12345, 2.0]) == (
+        "piecewise in q; knots: -1, 0.1235, 2"
+    )
+    assert told("torque_offset", held_within=1.22) == "held within: 1.22"
+    # One that comes later is told too.
+    assert told("viscous_friction", form="cubic") == "form: cubic"
 
 
 def test_the_largest_cause_is_named_first() -> None:
@@ -111,11 +223,39 @@ def test_a_name_is_confirmed_only_where_the_held_out_runs_surely_gain() -> None:
     assert (said(-0.3), said(-0.1), said(0.3, False)) == ("confirmed", "undecided", "contradicted")
     chance = entry("armature", ["a"], [], confirmed=True, test_change={"value": -0.1, "std_error": 0.1})
     sure = chance | {"joints": ["b"], "test_change": {"value": -0.5, "std_error": 0.1}}
-    for one in (chance, sure):
+    against = chance | {"joints": ["c"], "confirmed": False}
+    for one in (chance, sure, against):
         one["indistinguishable_from"] = []
-    (line,) = words.certainty({"effects": [chance, sure], "joints": ["a", "b"]})
-    assert line.startswith("1 of 2 names are confirmed")
-    assert "armature (a) they do not decide" in line
+
+    def told(*effects: dict[str, Any]) -> str:
+        (line,) = words.certainty({"effects": effects, "joints": ["a", "b", "c"]})
+        return line
+
+    assert told(chance, sure) == (
+        "The held-out runs confirm 1 of 2 names: with them they are predicted better. "
+        "Not decided by them: 1, armature (a). Contradicted and not in the model: none."
+    )
+    assert told(chance, against) == (
+        "The held-out runs confirm none of 2 names. "
+        "Not decided by them: 1, armature (a). Contradicted and not in the model: 1, armature (c)."
+    )
+    assert told(sure, sure) == "The held-out runs confirm all 2 names: with them they are predicted better."
+
+
+def test_names_that_the_held_out_runs_do_not_decide_come_last_and_say_so() -> None:
+    def found(effect: str, joint: str, change: float) -> dict[str, Any]:
+        value = parameter("offset" if effect == "torque_offset" else "armature", 2.0, 0.1, "N m")
+        return entry(effect, [joint], [value], confirmed=True, test_change={"value": change, "std_error": 0.175})
+
+    d = {
+        "effects": [found("torque_offset", "a", -0.14), found("armature", "a", -0.6), found("armature", "b", 0.1)],
+        "joints": ["a", "b"],
+    }
+    assert missing(d, {"torque_offset": 89.0, "armature": 0.5}) == [
+        "Armature on a: 2.00 ± 0.10 N m",
+        "Torque offset on a: offset 2.00 ± 0.10 N m (not decided by the held-out runs)",
+        "Armature on b: 2.00 ± 0.10 N m (not decided by the held-out runs)",
+    ]
 
 
 def test_an_effect_is_found_again_in_the_diagnosis_whatever_json_made_of_its_settings() -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -92,6 +92,16 @@ class Trace:
 
 
 @dataclass(frozen=True)
+class Law:
+    """Formula that the diagnosis gives for what is left on ``joint``, tried on the held-out runs: rms error [N m] over
+    samples in which the joint moves, ``before`` and ``after`` the formula is taken from it."""
+
+    joint: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
 class Candidate:
     """A cause that was tried in a step: ``score`` and ``gain`` in squared noise floors a sample; ``added`` if taken."""
 
@@ -119,7 +129,8 @@ class SearchStep:
 
 @dataclass(frozen=True)
 class Content:
-    """Everything the page shows. ``diagnosis`` is diagnosis.json; ``provenance`` says where the logs come from."""
+    """Everything the page shows. ``diagnosis`` is diagnosis.json; ``provenance`` says where the logs come from;
+    ``described`` are the numbers of the starting model's links, by ``"joint/mass"`` and so on."""
 
     diagnosis: Mapping[str, Any]
     train_runs: tuple[str, ...]
@@ -128,6 +139,8 @@ class Content:
     traces: tuple[Trace, ...] = ()
     steps: tuple[SearchStep, ...] = ()
     provenance: str = ""
+    laws: tuple[Law, ...] = ()
+    described: Mapping[str, float] = field(default_factory=dict)
 
 
 #: Fields of a class that hold others.
@@ -135,6 +148,7 @@ _PARTS: Mapping[tuple[type, str], type] = {
     (Content, "groups"): Group,
     (Content, "traces"): Trace,
     (Content, "steps"): SearchStep,
+    (Content, "laws"): Law,
     (Group, "curves"): Curve,
     (SearchStep, "candidates"): Candidate,
 }

@@ -9,7 +9,7 @@ from typing import Any
 from hybrid_dynamics.effects.units import with_unit
 from hybrid_dynamics.loop_report import plots, words
 from hybrid_dynamics.loop_report.book import FigureBook
-from hybrid_dynamics.loop_report.content import AXES, KINDS, SearchStep
+from hybrid_dynamics.loop_report.content import AXES, KINDS, Law, SearchStep
 from hybrid_dynamics.loop_report.sections import LEFT, Answer, Effects, LoopSection, range_of
 
 #: Points of a curve on a page over many loops.
@@ -104,7 +104,7 @@ class Torque(LoopSection):
 
 
 class Left(LoopSection):
-    """What no effect explains, with a formula; contradicted names; motion outside the training range."""
+    """What no effect explains, with a formula; what cannot be told apart; motion outside the training range."""
 
     title = "What stays open"
     name = LEFT
@@ -112,7 +112,7 @@ class Left(LoopSection):
 
     @property
     def wanted(self) -> bool:
-        return bool(self.diagnosis["unexplained"] or self.diagnosis.get("extrapolation"))
+        return words.opens(self.diagnosis)
 
     def values(self, book: FigureBook) -> dict[str, Any]:
         d = self.diagnosis
@@ -124,9 +124,15 @@ class Left(LoopSection):
                     "share": _how_much(d, u),
                     "state": words.state_of(d, list(d["joints"]).index(u["joint"]))[1],
                     "expression": "" if u["expression"] == "0" else u["expression"],
+                    "worth": _worth(d, self.content.laws, u["joint"]),
                 }
                 for u in d["unexplained"]
             ],
+            "alike": [
+                {"name": words.capital(name), "others": others, "motion": motion}
+                for name, others, motion in words.alike(d, by_motion=True)
+            ],
+            "numbers": [words.capital(phrase) for phrase in words.open_numbers(d)],
             "outside": [
                 {
                     "joint": o["joint"],
@@ -239,11 +245,24 @@ def _title(steps: Sequence[SearchStep]) -> str:
     return f"{step.action} {', '.join(words.placed(own.effect, own.joint) for own in steps)}"
 
 
+def _worth(d: Mapping[str, Any], laws: Sequence[Law], joint: str) -> str:
+    """What the formula for ``joint`` takes of the held-out error; nothing where it has not been tried."""
+    for law in laws:
+        if law.joint == joint and law.before > 0:
+            ends = f"{words.padded(law.before)} → {words.padded(law.after)} {words.effort_unit(d, joint)}"
+            part = words.share(1 - (law.after / law.before) ** 2)
+            return f"takes {part} of the test runs' error (variance; rms {ends})"
+    return ""
+
+
 def _how_much(d: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
     """Which share of what is left the state of the joint is about."""
     size = words.share(entry["share_of_residual_variance"])
-    kind = words.state_of(d, list(d["joints"]).index(entry["joint"]))[1]
-    return {words.ALARM: f"{size} can be learned from the motion", words.SLOW: f"{size} changes slowly"}.get(kind, size)
+    return {
+        words.ALARM: f"{words.share(words.learned(d, entry))} can be learned from the motion",
+        words.SLOW: f"{size} changes slowly",
+        words.PARTED: f"{size} is more than noise, or than the training runs leave",
+    }.get(words.state_of(d, list(d["joints"]).index(entry["joint"]))[1], size)
 
 
 class Reproduce(LoopSection):

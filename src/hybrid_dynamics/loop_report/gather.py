@@ -10,12 +10,13 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.inertia import link_parameters, to_body
 from hybrid_dynamics.loop.close import LoopResult
 from hybrid_dynamics.loop.diagnosis import predict_run, rounded
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.search import Step
-from hybrid_dynamics.loop_report.content import KINDS, Candidate, Content, Curve, Group, SearchStep, Trace
+from hybrid_dynamics.loop_report.content import KINDS, Candidate, Content, Curve, Group, Law, SearchStep, Trace
 from hybrid_dynamics.loop_report.words import placed
 from hybrid_dynamics.types import Array
 
@@ -59,6 +60,8 @@ def gather(result: LoopResult, provenance: str = "") -> Content:
         traces=tuple(_traces(result)),
         steps=tuple(_steps(result, names)),
         provenance=provenance,
+        laws=tuple(_laws(result, diagnosis)),
+        described=_described(result, diagnosis),
     )
 
 
@@ -174,6 +177,42 @@ def _traces(result: LoopResult) -> list[Trace]:
         for j, name in enumerate(names):
             shown = (_numbers(values[thin, j]) for values in (run.tau, before, after))
             out.append(Trace(run_title(run.name), name, time, *shown))
+    return out
+
+
+def _described(result: LoopResult, diagnosis: dict[str, Any]) -> dict[str, float]:
+    """What the URDF says of links whose numbers are found together; nothing where the start had bodies of its own."""
+    base = result.models[0]
+    found = [e for e in diagnosis["effects"] if family(e["effect"]).all_links]
+    if not found or any(family(e.effect).changes_body for e in base.effects):
+        return {}
+    out: dict[str, float] = {}
+    for joint in {p["joint"] for entry in found for p in entry["parameters"]}:
+        body = to_body(link_parameters(base.robot, list(diagnosis["joints"]).index(joint)))
+        out |= {f"{joint}/{name}": _round(value) for name, value in body.items()}
+    return dict(sorted(out.items()))
+
+
+def _laws(result: LoopResult, diagnosis: dict[str, Any]) -> list[Law]:
+    """What every formula for what is left takes of the error of the held-out runs."""
+    asked = [entry for entry in diagnosis["unexplained"] if entry["expression"] != "0"]
+    if not asked:
+        return []
+    # Formulas are rare, and their library takes a second to import.
+    from hybrid_dynamics.models.expressions import CompiledExpressions, parse_expression
+
+    joints = list(diagnosis["joints"])
+    names = [f"{s}{j + 1}" for s in ("q", "dq", "ddq") for j in range(len(joints))]
+    law = CompiledExpressions([parse_expression(entry["expression"], names) for entry in asked], names)
+    left = [run.tau - predict_run(result.model, run) for run in result.test]
+    taken = [law(np.hstack([run.q, run.dq, run.ddq])) for run in result.test]
+    out = []
+    for k, entry in enumerate(asked):
+        j = joints.index(entry["joint"])
+        moving = np.concatenate([run.mask[:, j] for run in result.test])
+        before = np.concatenate([error[:, j] for error in left])[moving]
+        after = before - np.concatenate([torque[:, k] for torque in taken])[moving]
+        out.append(Law(entry["joint"], *(_round(np.sqrt(np.mean(error**2))) for error in (before, after))))
     return out
 
 

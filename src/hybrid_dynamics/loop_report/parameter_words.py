@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hybrid_dynamics.loop_report.words import (
+    SURE,
     arrow,
     capital,
     confirmed,
     ends_of,
     left_open,
+    standing,
     title_of,
     unit_of,
     value_of,
@@ -20,24 +22,42 @@ from hybrid_dynamics.loop_report.words import (
 Entry = Mapping[str, Any]
 #: An effect with more parameters than this has a table's worth of them; the headline counts its links.
 _MOST = 4
+#: Settings that :func:`settings_words` and :func:`place` tell in words of their own, or that the effect's name tells.
+_IN_WORDS = (
+    "sign_of", "of", "response", "shape", "expression", "links", "intervals", "only_run", "sign_width",
+    "sign_displacement", "at_rest", "from_joint", "rows",
+)  # fmt: skip
+#: Stands behind a name that the model has and the held-out runs neither confirm nor contradict.
+UNDECIDED = " (not decided by the held-out runs)"
 
 
-def missing(diagnosis: Mapping[str, Any], sizes: Mapping[str, float] | None = None) -> list[str]:
+def missing(
+    diagnosis: Mapping[str, Any],
+    sizes: Mapping[str, float] | None = None,
+    before: Mapping[str, float] | None = None,
+) -> list[str]:
     """A phrase a kind of effect that stands in the model: what, where, how much, how sure.
 
-    ``sizes`` is the torque [N m] that a kind adds: the largest comes first. Without it, the order of naming.
+    ``sizes`` is the torque [N m] that a kind adds: the largest comes first. Without it, the order of naming. Names that
+    the held-out runs do not decide come last and say so. ``before``: what the starting model says of the links, by
+    ``"joint/mass"``.
     """
-    groups: dict[str, list[Entry]] = {}
+    groups: dict[tuple[bool, str], list[Entry]] = {}
     for entry in diagnosis["effects"]:
         if confirmed(entry):
-            groups.setdefault(entry["effect"], []).append(entry)
-    order = sorted(groups, key=lambda name: -(sizes or {}).get(name, 0.0))
-    return [capital(_missing(groups[name], diagnosis["joints"])) for name in order]
+            groups.setdefault((standing(entry) == "undecided", entry["effect"]), []).append(entry)
+    order = sorted(groups, key=lambda group: (group[0], -(sizes or {}).get(group[1], 0.0)))
+    return [
+        capital(_missing(groups[group], diagnosis["joints"], before or {})) + (UNDECIDED if group[0] else "")
+        for group in order
+    ]
 
 
-def _missing(entries: Sequence[Entry], joints: Sequence[str]) -> str:
+def _missing(entries: Sequence[Entry], joints: Sequence[str], before: Mapping[str, float]) -> str:
     if len(entries) == 1:
         (entry,) = entries
+        if len({p.get("joint") for p in entry["parameters"]}) > 1:
+            return _links(entry, before)
         values = [
             f"{_named(entry, p['name'])}{value_of(entry, p)}"
             + (" (left open by these runs)" if left_open(entry, p) else "")
@@ -50,6 +70,21 @@ def _missing(entries: Sequence[Entry], joints: Sequence[str]) -> str:
     values = [f"{_named(entries[0], key)}{_range(own)}" for key, own in ranges.items()] + _open_mass(entries)
     phrase = title_of(entries[0]["effect"]) + (f" on {where(places, joints)}" if places else "")
     return f"{phrase}: {', '.join(values)}" if values else phrase
+
+
+def _links(entry: Entry, before: Mapping[str, float]) -> str:
+    """The numbers of several links: how many the runs decide, and which of these has surely changed most."""
+    parameters = entry["parameters"]
+    decided = [p for p in parameters if not left_open(entry, p)]
+    links = len({p["joint"] for p in parameters})
+    out = f"{title_of(entry['effect'])} of {links} links: these runs decide {len(decided)} of {len(parameters)} numbers"
+    known = {key: p for p in decided if (key := f"{p['joint']}/{p['name']}") in before and p["std_error"]}
+    sureness = {key: abs(p["value"] - before[key]) / p["std_error"] for key, p in known.items()}
+    if max(sureness.values(), default=0.0) <= SURE:
+        return out
+    key = max(sureness, key=sureness.__getitem__)
+    value = f"{before[key]:.3g} → {value_of(entry, known[key])}"
+    return f"{out}; most surely changed is {title_of(known[key]['name'])} of {known[key]['joint']}, {value}"
 
 
 def _named(entry: Entry, parameter: str) -> str:
@@ -116,7 +151,7 @@ def _open_mass(entries: Sequence[Entry]) -> list[str]:
 
 
 def settings_words(entry: Entry, placed: bool = False) -> list[str]:
-    """What is not a number that was identified; with ``placed`` also how dry friction turns over."""
+    """What is not a number that was identified; with ``placed`` all of it: also how dry friction turns over."""
     settings = dict(entry.get("settings") or {})
     out = []
     if settings.get("sign_of") in ("sum", "difference"):
@@ -145,7 +180,28 @@ def settings_words(entry: Entry, placed: bool = False) -> list[str]:
         out.append(f"sign turns over {settings['sign_width']:g} {length}/s")
     if placed and settings.get("sign_displacement"):
         out.append(f"sign turns over {settings['sign_displacement']:g} {length}")
+    if placed and settings.get("at_rest") == "middle":
+        out.append("at rest it holds the middle of its two torques")
+    if placed:
+        # What has no words of its own is told as it stands in model.json.
+        out += [f"{title_of(key)}: {_shown(value)}" for key, value in settings.items() if key not in _IN_WORDS]
     return out
+
+
+def row_words(entry: Entry) -> list[str]:
+    """:func:`settings_words` where a row stands under its joint: the partner of a coupling too."""
+    partner = [place(entry).removeprefix(f"{title_of(entry['effect'])} ")] if _coupled(entry) else []
+    return partner + settings_words(entry, placed=True)
+
+
+def _coupled(entry: Entry) -> bool:
+    return bool(entry["joints"]) and "from_joint" in (entry.get("settings") or {})
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(map(_shown, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _ranges(entries: Sequence[Entry]) -> dict[str, list[Mapping[str, Any]]]:

@@ -5,6 +5,7 @@ The study's page shows some of the same sections under a prefix of their own, so
 
 from __future__ import annotations
 
+import inspect
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -13,11 +14,12 @@ from typing import Any, ClassVar
 
 from hybrid_dynamics.effects import family
 from hybrid_dynamics.effects.units import with_unit
+from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.loop_report import words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import KINDS, Content, Group
 from hybrid_dynamics.loop_report.html import slug
-from hybrid_dynamics.loop_report.parameter_words import missing, settings_words
+from hybrid_dynamics.loop_report.parameter_words import missing, row_words
 
 #: Anchor of the section on what stays open, which the first screen links.
 LEFT = "left"
@@ -90,19 +92,26 @@ class Answer(LoopSection):
         return {
             "verdict": d["verdict"],
             "headline": words.VERDICTS[d["verdict"]],
-            "what": words.what(d),
-            "missing": [_unbroken(line) for line in missing(d, _sizes(self.content))],
+            "what": what(d),
+            "missing": [_unbroken(line) for line in missing(d, _sizes(self.content), self.content.described)],
             "link": "#" + self.prefix + Effects.name if d["effects"] else "",
             "gains": words.gains(d),
             "certainty": words.certainty(d),
             "still_open": [_unbroken(line) for line in words.still_open(d)],
-            "link_left": "#" + self.prefix + LEFT if d["unexplained"] else "",
+            "link_left": "#" + self.prefix + LEFT if words.opens(d) else "",
             "bars": bars(d),
             "first": [_unbroken(words.capital(note)) for note in words.told_first(d)],
             "notes": words.other_notes(d),
             "schema_two": "noise_floor_low" in d,
             "mass_caveat": _mass_caveat(d),
         }
+
+
+def what(d: Mapping[str, Any]) -> str:
+    """What the effects are the answer to."""
+    if words.asked(d):
+        return "What has changed"
+    return "What is missing, or wrong in the URDF" if words.described(d) else "What is missing"
 
 
 def _unbroken(text: str) -> str:
@@ -181,7 +190,7 @@ class Effects(LoopSection):
         return {
             "groups": [self._group(group) for group in self.content.groups],
             "explanations": [
-                {"effect": name, "title": words.capital(words.title_of(name)), "text": words.explanation_of(name)}
+                {"effect": name, "title": words.capital(words.title_of(name)), "text": explanation_of(name)}
                 for name in dict.fromkeys(e["effect"] for e in self.diagnosis["effects"])
             ],
             "mass_caveat": _mass_caveat(self.diagnosis),
@@ -204,7 +213,7 @@ class Effects(LoopSection):
                     "body": len(shown) > 4,
                     "open": sum(bool(p["left_open"]) for p in shown),
                     "parameters": shown,
-                    "settings": ", ".join(settings_words(entry, placed=True)),
+                    "settings": ", ".join(row_words(entry)),
                     "width": 100 * group.contribution[place] / largest,
                     "adds": words.number(group.contribution[place], 3),
                     "adds_unit": words.effort_unit(self.diagnosis, group.contribution_joint[place]),
@@ -224,6 +233,17 @@ class Effects(LoopSection):
             "evidence": "" if not group.curves else "#" + self.group_anchor(group),
             "rows": rows,
         }
+
+
+def explanation_of(effect: str) -> str:
+    """What the effect is: the first paragraph of its family's documentation."""
+    try:
+        known = type(family(effect))
+    except ConfigError:
+        return ""
+    module = inspect.getmodule(known)
+    text = inspect.getdoc(module) if module is not None else None
+    return " ".join((text or "").split("\n\n")[0].split()).replace("``", "")
 
 
 def _parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:

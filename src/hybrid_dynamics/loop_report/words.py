@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hybrid_dynamics.effects import family
 from hybrid_dynamics.effects.units import unit_at
-from hybrid_dynamics.errors import ConfigError
 from hybrid_dynamics.loop.described import WORSE
 
 Diagnosis = Mapping[str, Any]
@@ -34,6 +31,8 @@ _BESIDE = {
 ABOVE_NOISE = 1.25
 #: Words of notes on what the starting model had of an effect; its value tells that too.
 _WITH_VALUES = ("since the starting model", "in all, of which the URDF gives")
+#: Joints that are named one by one, however few the others are.
+_NAMED = 3
 #: Standard errors beyond which a change is more than chance.
 SURE = 2.0
 #: What the motion consists of.
@@ -43,8 +42,8 @@ PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "com": "centre of mass"}
 #: Parameters in proportion to which the drive gains enter: a mass is known no better than the torque is calibrated.
 SCALED_BY_GAIN = ("mass",)
 GAIN_CAVEAT = (
-    "The standard error is statistical. Torque is motor current times a declared drive gain; if that gain is off by "
-    "1 %, so is the mass"
+    "The standard error is statistical. If your torque is computed from motor current, a drive gain that is off by 1 % "
+    "makes the mass wrong by 1 %"
 )
 
 
@@ -100,17 +99,6 @@ def with_error(value: float, error: float | None, unit: str) -> str:
 def title_of(effect: str) -> str:
     """``coulomb_friction`` as people write it."""
     return " ".join(PROPER.get(word, word) for word in effect.split("_"))
-
-
-def explanation_of(effect: str) -> str:
-    """What the effect is: the first paragraph of its family's documentation."""
-    try:
-        known = type(family(effect))
-    except ConfigError:
-        return ""
-    module = inspect.getmodule(known)
-    text = inspect.getdoc(module) if module is not None else None
-    return " ".join((text or "").split("\n\n")[0].split()).replace("``", "")
 
 
 def capital(text: str) -> str:
@@ -178,18 +166,6 @@ def described(d: Diagnosis) -> bool:
     return any("urdf" in ends for e in d["effects"] for ends in (e.get("in_all") or {}).values())
 
 
-def what(d: Diagnosis) -> str:
-    """What the effects are the answer to."""
-    if asked(d):
-        return "What has changed"
-    return "What is missing, or wrong in the URDF" if described(d) else "What is missing"
-
-
-def title(d: Diagnosis) -> str:
-    """What the page of one loop is called."""
-    return f"What has changed on {d['robot']}" if asked(d) else f"What the model of {d['robot']} lacks"
-
-
 def run_words(run: str) -> str:
     """``run 3``; a name that says so itself, as it is."""
     return run if run.lower().startswith("run") else f"run {run}"
@@ -212,12 +188,18 @@ def final_errors(d: Diagnosis, split: str = "test", of: str = "error") -> Mappin
 
 
 def where(names: Sequence[str], joints: Sequence[str]) -> str:
-    """Which of ``joints``: "all 6 joints", or by name."""
-    if len(names) == len(joints) and len(joints) > 1:
+    """Which of ``joints``: "all 6 joints", by name, or, where that is shorter, by the names of the others."""
+    shown, others = [n for n in joints if n in names], [n for n in joints if n not in names]
+    if not others and len(joints) > 1:
         return f"all {len(joints)} joints"
-    shown = [n for n in joints if n in names]
-    listed = ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1]
-    return listed if len(shown) <= 3 else f"{len(shown)} of {len(joints)} joints"
+    if len(shown) > _NAMED and len(others) < len(shown):
+        return f"all joints but {listed(others)}"
+    return listed(shown)
+
+
+def listed(names: Sequence[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
 
 
 def gains(d: Diagnosis) -> str:
@@ -243,14 +225,9 @@ def certainty(d: Diagnosis) -> list[str]:
     out = []
     effects = d["effects"]
     out += _asked([e for e in effects if "confirmed" in e])
-    alike = [e for e in effects if confirmed(e) and e["indistinguishable_from"]]
-    if alike:
-        pairs = "; ".join(
-            f"{title_of(e['effect'])} ({place_of(e)}) from {_alternative(e['indistinguishable_from'][0])}"
-            for e in alike[:3]
-        )
-        more = f"; and {len(alike) - 3} more" if len(alike) > 3 else ""
-        out.append(f"These runs cannot tell {pairs}{more}.")
+    if torn := sum(confirmed(e) and bool(e["indistinguishable_from"]) for e in effects):
+        which = f"{torn} of the names" if len(effects) > 1 else "The name"
+        out.append(f"{which} cannot be told from another cause: see what stays open.")
     inconsistent = [e for e in effects if e.get("inconsistent_between_runs")]
     if inconsistent:
         about = ", ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in inconsistent)
@@ -269,29 +246,76 @@ def certainty(d: Diagnosis) -> list[str]:
 
 
 def _asked(asked: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What the held-out runs say of the names: better with them, no matter, better without."""
+    """What the held-out runs say of the names: better with them, no more than chance, better without."""
     if not asked:
         return []
     said = {kind: [e for e in asked if standing(e) == kind] for kind in ("confirmed", "undecided", "contradicted")}
-    better = f"{len(said['confirmed'])} of {len(asked)} names"
-    text = f"{better} are confirmed: with them the held-out runs are predicted better"
-    if said["undecided"]:
-        text += f"; on {_listed(said['undecided'])} they do not decide"
-    if said["contradicted"]:
-        text += f"; contradicted, and not in the model: {_listed(said['contradicted'])}"
-    return [text + "."]
+    sure, all_of_them = len(said["confirmed"]), "the name" if len(asked) == 1 else f"all {len(asked)} names"
+    better = "with them they are predicted better" if len(asked) > 1 else "with it they are predicted better"
+    if sure == len(asked):
+        return [f"The held-out runs confirm {all_of_them}: {better}."]
+    out = [f"The held-out runs confirm {sure or 'none'} of {len(asked)} names{f': {better}' if sure else ''}."]
+    for kind, what_of_it in (
+        ("undecided", "Not decided by them"),
+        ("contradicted", "Contradicted and not in the model"),
+    ):
+        out.append(f"{what_of_it}: {f'{len(said[kind])}, {_names(said[kind])}' if said[kind] else 'none'}.")
+    return [" ".join(out)]
 
 
-def _listed(entries: Sequence[Mapping[str, Any]]) -> str:
+def _names(entries: Sequence[Mapping[str, Any]]) -> str:
     return "; ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in entries)
 
 
-def _alternative(alternative: Mapping[str, Any]) -> str:
-    return " with ".join(f"{title_of(e['effect'])} ({place_of(e)})" for e in alternative["effects"])
+def alike(d: Diagnosis, by_motion: bool = False) -> list[tuple[str, str, str]]:
+    """What these runs cannot tell apart: a name with its joints, other causes, and the motion that would tell them.
+
+    Names that have the same other causes stand together; the motion is left out unless asked for ``by_motion``.
+    """
+    groups: dict[tuple[str, str, str], list[str]] = {}
+    for entry in filter(confirmed, d.get("effects", ())):
+        parts: dict[str, list[Mapping[str, Any]]] = {}
+        for other in entry["indistinguishable_from"]:
+            parts.setdefault(capital(other["motion_that_would_tell"]) if by_motion else "", []).append(other)
+        for motion, others in parts.items():
+            found = (entry["effect"], _others(others, entry["joints"], d["joints"]), motion)
+            groups.setdefault(found, []).extend(entry["joints"])
+    return [
+        (title_of(effect) + (f" on {where(at, d['joints'])}" if at else ""), others, motion)
+        for (effect, others, motion), at in groups.items()
+    ]
+
+
+def _others(others: Sequence[Mapping[str, Any]], own: Sequence[str], joints: Sequence[str]) -> str:
+    """Other causes, with their joints where these are not the name's ``own``."""
+    places: dict[str, list[str]] = {}
+    for other in others:
+        effects = other["effects"]
+        if len(effects) == 1:
+            places.setdefault(title_of(effects[0]["effect"]), []).extend(effects[0]["joints"])
+        else:
+            here = all(list(e["joints"]) == list(own) for e in effects)
+            names = (title_of(e["effect"]) + ("" if here else f" ({place_of(e)})") for e in effects)
+            places.setdefault(" with ".join(names), [])
+    return " or ".join(
+        name + (f" on {where(at, joints)}" if at and at != list(own) else "") for name, at in places.items()
+    )
+
+
+def open_numbers(d: Diagnosis) -> list[str]:
+    """What of the names' parameters the runs leave to the starting model, a phrase an effect."""
+    out = []
+    for entry in filter(confirmed, d.get("effects", ())):
+        names = [title_of(p["name"]) for p in entry["parameters"] if left_open(entry, p)]
+        few = listed(names) if 0 < len(names) <= _NAMED else f"{len(names)} of {len(entry['parameters'])} numbers"
+        if names:
+            place = f" on {place_of(entry)}" if entry["joints"] else ""
+            out.append(f"{title_of(entry['effect'])}{place}: {few} left to the starting model")
+    return out
 
 
 def still_open(d: Diagnosis) -> list[str]:
-    """What stays open, joint by joint, in words."""
+    """What stays open in words: what is left, joint by joint, and what of the names these runs cannot tell."""
     out = []
     dependent = _flags(d, "motion_dependent")
     for entry in d["unexplained"]:
@@ -300,7 +324,11 @@ def still_open(d: Diagnosis) -> list[str]:
         if "motion_dependent" not in d:
             out.append(f"{entry['joint']}: {part} of what is left (variance) is not noise.")
         elif dependent[j]:
-            out.append(f"{entry['joint']}: what is left depends on the motion; {part} of it (variance) can be learned.")
+            more = "; the test runs leave more of it than the training runs" if _flags(d, "worse_on_test")[j] else ""
+            part = share(learned(d, entry))
+            out.append(
+                f"{entry['joint']}: what is left depends on the motion; {part} of it (variance) can be learned{more}."
+            )
         elif _flags(d, "worse_on_test")[j]:
             out.append(f"{entry['joint']}: the test runs leave more than the training runs; no cause found.")
         else:
@@ -311,9 +339,25 @@ def still_open(d: Diagnosis) -> list[str]:
         names = [name for j, name in enumerate(d["joints"]) if name not in told and state_of(d, j)[1] == state]
         if names:
             out.append(f"{where(names, d['joints'])}: {words}.")
+    out += [f"{capital(name)} cannot be told from {others}." for name, others, _ in alike(d)]
+    out += [f"{capital(phrase)}." for phrase in open_numbers(d)]
     if not out:
         out.append("Nothing that these runs show: what is left on every joint does not depend on the motion.")
     return out
+
+
+def learned(d: Diagnosis, entry: Mapping[str, Any]) -> float:
+    """Share of what all runs leave on the joint of ``entry`` (of ``unexplained``) that a black box learns.
+
+    The share that ``entry`` gives is at least as large: also what the test runs leave beyond the training runs counts.
+    """
+    known = d.get("learnable_share")
+    return float(known[list(d["joints"]).index(entry["joint"])] if known else entry["share_of_residual_variance"])
+
+
+def opens(d: Diagnosis) -> bool:
+    """Whether a section of its own tells what stays open."""
+    return bool(d["unexplained"] or d.get("extrapolation") or alike(d) or open_numbers(d))
 
 
 def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
