@@ -104,6 +104,31 @@ def test_what_was_there_and_what_changed_since_is_told_as_one(model, robot, tmp_
     assert "-1.5" not in out.read_text().split("<robot")[0]
 
 
+@pytest.mark.parametrize(
+    ("block", "words"),
+    [
+        (None, "standard errors of the parameters (taken as independent of one another)."),
+        ({"residual": [0.1, 0.1, 0.1]}, "(taken as independent of one another) and the error on held-out runs."),
+        (
+            {"residual": [0.1, 0.1, 0.1], "correlation": [[1.0, 0.9], [0.9, 1.0]]},
+            "standard errors of the parameters with their correlations and the error on held-out runs.",
+        ),
+    ],
+)
+def test_what_the_standard_deviation_is_made_of_is_said_as_it_is(block, words, robot, tmp_path, capsys):
+    viscous = [
+        Effect("viscous_friction", (joint,), {"viscous_coefficient": 0.4}, {}, {"viscous_coefficient": 0.01})
+        for joint in robot.joint_names[:2]
+    ]
+    path = saved(Model(robot, tuple(viscous)), tmp_path)
+    if block is not None:
+        changed(path, lambda v: v.update(uncertainty=block))
+    heads = {"c": "arm.h", "python": "arm.py", "casadi": "arm.casadi.txt"}
+    for form, head in heads.items():
+        assert run(capsys, *arguments(path, form, tmp_path / f"arm.{ENDINGS[form]}"))[0] == 0
+        assert words in " ".join((tmp_path / head).read_text().split()), form
+
+
 def test_strict_is_content_where_all_is_carried(path, tmp_path, capsys):
     assert run(capsys, *arguments(path, "c", tmp_path / "arm.c", "--strict"))[0] == 0
 
