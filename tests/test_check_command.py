@@ -80,6 +80,22 @@ def test_a_suggestion_mends_what_has_one_clear_cure_and_close_loop_takes_it(logs
     assert "log.yaml: exists; give another file" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("signals", [("q",), ("q", "tau")])
+@pytest.mark.parametrize("velocity", [False, True])
+def test_columns_that_are_exchanged_are_mended_where_they_are_there(signals, velocity, logs, tmp_path, run, capsys):
+    """A log without dq has no columns of it to put in order, one with dq has."""
+    turned = with_velocity(run) if velocity else run
+    exchanged = [*signals, *(["dq"] if velocity else [])]
+    turned = turned.with_signals(**{s: turned[s][:, ::-1] for s in exchanged})
+    write_log(tmp_path / "a.parquet", turned, arm().joint_names)
+    fault = ("check", "--robot", logs / "robot.urdf", "--data", tmp_path / "a.parquet")
+    assert command(*fault) == 2
+    assert command(*fault, "--apply-suggestion", tmp_path / "log.yaml") == 0
+    assert "nothing is wrong" in capsys.readouterr().out
+    written = yaml.safe_load((tmp_path / "log.yaml").read_text())["columns"]
+    assert written == {s: [f"{s}2", f"{s}1"] for s in exchanged}
+
+
 def test_suggestions_come_on_top_of_a_description(tmp_path, logs, run, capsys):
     # The columns are called otherwise and exchanged; the description knows the names only.
     robot = arm()

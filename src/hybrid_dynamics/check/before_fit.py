@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -92,6 +92,7 @@ def checked(
         if any(f.code == "dq_zero" for f in velocity):
             part[:] = [_without_velocity(run) for run in part]
         of_torque, found_gravity = _torque(body, part)
+        of_torque = [_of_held_signals(f, part) for f in of_torque]
         if part is second and angle(found_gravity, gravity) < SAME_MOUNTING:
             of_torque = [f for f in of_torque if f.code != "mounting"]
         # What both say is told once; a hard finding is never left out.
@@ -160,6 +161,16 @@ def _torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding], Ar
             of_it = (f for f in alone if f.severity == "hard" and f.joint in ("", *joints))
             findings += [replace(f, run=run.name) for f in of_it]
     return findings, gravity
+
+
+def _of_held_signals(finding: Finding, runs: Sequence[Trajectory]) -> Finding:
+    """``finding`` with a cure for signals that all ``runs`` hold: naming columns that are not there cures nothing."""
+    held = set.intersection(*(set(run.signals) for run in runs))
+    cure = {
+        key: {signal: v for signal, v in value.items() if signal in held} if isinstance(value, Mapping) else value
+        for key, value in finding.suggestion.items()
+    }
+    return replace(finding, suggestion=cure)
 
 
 def _without_velocity(run: Trajectory) -> Trajectory:
