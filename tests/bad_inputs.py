@@ -196,6 +196,11 @@ CASES: list[Case] = [
         "the prediction over another log", (*PREDICT[:3], "--model", "model.json", "--data", "a.csv", "--out", "b.csv")
     ),
     Case("a prediction into an unknown format", (*PREDICT[:-1], "tau.xlsx"), model(lambda m: m)),
+    Case(
+        "an import over another log",
+        ("import", "--robot", "robot.urdf", "--data", "a.csv", "--out", "b.parquet"),
+        written("b.parquet", "an earlier log"),
+    ),
     Case("a joint to lock that does not exist", (*CHECK[:3], "--lock", "wirst", "--data", "a.csv")),
     Case("all joints locked", (*CHECK[:3], "--lock", "shoulder", "elbow", "--data", "a.csv")),
     Case("a suggestion over a file that is there", (*CHECK[:4], "a.csv", "--apply-suggestion", "a.csv")),

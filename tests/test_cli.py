@@ -99,6 +99,18 @@ def test_predict_replaces_its_own_file_and_no_log(here, name):
     assert run(*PREDICT, other.name, "--force") == 0
 
 
+def test_import_replaces_no_file_unasked(here, capsys):
+    """Another run's log of the same name is a recording too."""
+    assert run(*IMPORT, "log.parquet") == 0
+    Path("log.parquet").write_bytes(b"old")
+    capsys.readouterr()
+    line = refused(here, capsys, *IMPORT, "log.parquet")
+    assert line == "error: log.parquet: exists; give another name, or --force to replace it"
+    assert "is an input" in refused(here, capsys, *IMPORT, "run.parquet", "--force")
+    assert run(*IMPORT, "log.parquet", "--force") == 0
+    assert len(pd.read_parquet("log.parquet")) == len(pd.read_parquet("run.parquet"))
+
+
 def test_predict_reads_logs_in_another_form(here):
     """Columns by name in degrees, motor side with its sign turned: the same prediction as for the plain log."""
     log = pd.read_parquet("run.parquet")
