@@ -180,7 +180,21 @@ def test_a_copy_of_a_training_run_is_no_test_run_whatever_it_is_called(run):
         with pytest.raises(InputError, match="run copy: holds the same samples as run train_1"):
             checked(arm(), [run], [same])
     assert check_duplicates([run], [other]) == []
-    assert codes(check_duplicates([run, copy], [])) == [("warning", "duplicate")]
+
+
+def test_a_copy_of_a_training_run_is_no_second_run(run):
+    """Hard where noise would repeat; runs that share some samples, and test runs twice, are told only."""
+    train, test = runs(train=2, test=1)
+    copy = Trajectory("copy", "train", run.time + 100.0, {s: np.round(x, 7) for s, x in run.signals.items()})
+    for same in (copy, copy.rows(slice(500, 2500))):
+        assert codes(check_duplicates([run, same], [])) == [("hard", "duplicate")]
+        with pytest.raises(InputError, match=r"run copy: holds the same samples as run train_1.*leave one out"):
+            checked(arm(), [run, same], test)
+    half = {s: np.concatenate([x[:1600], train[1][s][1600:]]) for s, x in run.signals.items()}
+    assert codes(check_duplicates([run, Trajectory("half", "train", run.time, half)], [])) == [("warning", "duplicate")]
+    twice = [test[0], Trajectory("again", "test", test[0].time, dict(test[0].signals))]
+    assert codes(check_duplicates([run], twice)) == [("warning", "duplicate")]
+    assert check_duplicates(train, test) == []
 
 
 def test_logs_too_slow_or_too_short_give_no_verdict(run):
