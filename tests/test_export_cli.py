@@ -77,6 +77,20 @@ def test_strict_makes_the_loss_an_error(form, path, tmp_path, capsys):
     assert not out.exists()
 
 
+def test_the_same_loss_of_several_joints_is_one_line_with_all_of_them(robot, tmp_path, capsys):
+    joints = robot.joint_names
+    stribeck = {"coulomb_torque": 0.5, "static_torque": 0.9, "stribeck_velocity": 0.1}
+    effects = [Effect("stribeck_friction", (joint,), stribeck) for joint in joints[:2]]
+    effects.append(Effect("coulomb_friction", joints[2:3], {"coulomb_torque": 0.5}, {"sign_displacement": 0.01}))
+    path = saved(Model(robot, tuple(effects)), tmp_path)
+    code, _, err = run(capsys, *arguments(path, "urdf", tmp_path / "arm.urdf", "--strict"))
+    assert code == 2
+    assert err.count("\n") == 1
+    rise = f"stribeck_friction of 2 joints ({joints[0]}, {joints[1]}) in full: without the rise of friction"
+    turn = f"coulomb_friction ({joints[2]}) in full: without the gradual turn-over of friction at a reversal"
+    assert f"{rise} towards standstill | {turn}" in err
+
+
 def test_effects_that_runs_contradict_are_left_out_and_that_is_said(model, robot, tmp_path, capsys):
     """An inactive effect of model.json is on record only: no torque of it in the file, and its name on the console."""
     third = robot.joint_names[2]
