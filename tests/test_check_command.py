@@ -1,6 +1,7 @@
 """``hybrid-dynamics check``: one line a finding, the cure as a file, exit code 2 where close-loop would refuse."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from hybrid_dynamics.check import checked
 from hybrid_dynamics.check.content import check_content, check_rate
 from hybrid_dynamics.check.duplicates import check_duplicates
 from hybrid_dynamics.check.excitation import check_excitation
+from hybrid_dynamics.check.limits import check_limits
+from hybrid_dynamics.check.parameter_names import in_words
 from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.cli import main
 from hybrid_dynamics.errors import InputError
@@ -249,3 +252,25 @@ def test_a_fault_in_one_run_of_several_is_found_and_named(run):
     with pytest.raises(InputError, match=r"wrong sign"):
         checked(arm(), train, [test[0].with_signals(tau=-test[0]["tau"])])
     assert {f.code for f in checked(arm(), train, test).findings} <= {"beyond_speed"}
+
+
+def test_parameters_that_come_out_vague_are_named_in_words(run):
+    """What a joint that hardly moves leaves open, by the joint's name."""
+    still = run.with_signals(q=run["q"] * [1.0, 0.0] + [0.0, 0.3])
+    said = " ".join(f.text for f in check_excitation(arm(), [still]))
+    assert "no motion shows rotor inertia of elbow, viscous friction of elbow" in said
+    assert not re.search(r"\b([ml]|l[xyz]|L[xyz]{2}|Ia|Fv|Fc|b)[0-9]\b", said)
+    assert in_words("Lxz2", ("a", "b")) == "moment of inertia xz of the link of b"
+    assert in_words("ly1", ("a", "b")) == "mass times y of the centre of the link of a"
+    assert in_words("Fc3", ("a", "b")) == "Fc3"
+
+
+@pytest.mark.parametrize(("faster", "asked"), [(1.0, None), (1.3, False), (30.0, True)])
+def test_the_clock_is_asked_about_only_where_all_joints_are_far_too_fast(run, faster, asked):
+    top = np.abs(np.gradient(run["q"], run.dt, axis=0)).max(axis=0)
+    slow = run.with_signals(q=run["q"] * 2.0 / top)  # rad/s; the limit is 3
+    found = check_limits(arm(), [Trajectory("a", "train", run.time / faster / 1.4, slow.signals)])
+    speeds = [f.text for f in found if f.code == "beyond_speed"]
+    assert len(speeds) == (asked is not None)
+    assert [text.endswith("are the time stamps in seconds?") for text in speeds] == [asked] * len(speeds)
+    assert not any(text.endswith(("; ", ";")) for text in speeds)
