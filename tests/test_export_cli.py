@@ -266,6 +266,6 @@ def test_without_the_extra_the_remedy_is_told(form, extra, path, tmp_path, capsy
     ending = {**ENDINGS, "onnx": "onnx"}[form]
     code, _, err = run(capsys, *arguments(path, form, tmp_path / f"arm.{ending}"))
     assert code == 2
-    assert f"pip install 'hybrid-dynamics[{extra}]'" in err
+    assert f"run in a clone of the project: pip install '.[{extra}]'" in err
     # A URDF needs none of them.
     assert run(capsys, *arguments(path, "urdf", tmp_path / "arm.urdf"))[0] == 0
