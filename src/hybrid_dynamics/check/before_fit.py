@@ -115,6 +115,8 @@ def checked_motion(robot: Robot, log: Trajectory) -> tuple[Trajectory, list[Find
     if not findings:
         findings = check_velocity(robot.joint_names, pieces)
     refuse_hard(findings)
+    # What a slow log resolves is predicted all the same; that it is little must be known.
+    findings += [replace(f, severity="warning") for f in _once(check_rate(pieces)) if f.code == "too_slow"]
     zero = any(f.code == "dq_zero" for f in findings)
     return _without_velocity(log) if zero else log, findings
 
