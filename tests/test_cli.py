@@ -107,7 +107,7 @@ def test_predict_says_where_no_model_would_be_better(here, capsys):
     assert "worse than" not in said
     assert "too slow" not in said
     names = {f"{s}{a}": f"{s}{b}" for s in ("q", "dq") for a, b in ((2, 4), (4, 2))}
-    log.rename(columns=names).to_csv("swapped.csv", index=False)  # type: ignore[attr-defined]
+    log.rename(columns=names).to_csv("swapped.csv", index=False)
     assert run(*PREDICT[:-3], "--data", "swapped.csv", "--out", "swapped.parquet") == 0
     assert re.search(
         r"note: the model predicts this log worse than no model at all: \d+% of the torque is left; .*"
