@@ -2,7 +2,7 @@
 
     python examples/mujoco_before_after.py                        # prints the errors, writes before_after.png
 
-Needs: pip install 'hybrid-dynamics[export]' matplotlib
+Needs, in a clone: pip install '.[export]' matplotlib
 """
 
 from __future__ import annotations

@@ -182,7 +182,14 @@ CASES: list[Case] = [
         (*CLOSE[:4], "a.csv", "--test", "bad.csv", "--out", "out"),
         frame(lambda t: t.iloc[300:1100]),
     ),
-    Case("the same training log twice", (*CLOSE[:4], "a.csv", "a.csv", "--out", "out")),
+    Case("the same training log twice", (*CLOSE[:4], "a.csv", "./a.csv", "--out", "out")),
+    Case("the same test log twice", (*CLOSE[:4], "a.csv", "--test", "test.csv", "test.csv", "--out", "out")),
+    Case("the same log twice, in check", (*CHECK[:4], "a.csv", "a.csv")),
+    Case(
+        "a copy of a training log among the training logs",
+        (*CLOSE[:4], "a.csv", "bad.csv", "--test", "test.csv", "--out", "out"),
+        frame(lambda t: t.assign(time=t["time"] + 7.0).round(8)),
+    ),
     Case("a file where the results go", (*CLOSE[:4], "a.csv", "--out", "a.csv")),
     Case(
         "a folder with other files where the results go",
@@ -196,6 +203,11 @@ CASES: list[Case] = [
         "the prediction over another log", (*PREDICT[:3], "--model", "model.json", "--data", "a.csv", "--out", "b.csv")
     ),
     Case("a prediction into an unknown format", (*PREDICT[:-1], "tau.xlsx"), model(lambda m: m)),
+    Case(
+        "an import over another log",
+        ("import", "--robot", "robot.urdf", "--data", "a.csv", "--out", "b.parquet"),
+        written("b.parquet", "an earlier log"),
+    ),
     Case("a joint to lock that does not exist", (*CHECK[:3], "--lock", "wirst", "--data", "a.csv")),
     Case("all joints locked", (*CHECK[:3], "--lock", "shoulder", "elbow", "--data", "a.csv")),
     Case("a suggestion over a file that is there", (*CHECK[:4], "a.csv", "--apply-suggestion", "a.csv")),
@@ -303,7 +315,12 @@ CASES: list[Case] = [
         "torque in N mm, in close-loop",
         CLOSE,
         several(
-            scaled(1e3, "tau1", "tau2"), lambda f: (f / "bad.csv").replace(f / "b.csv"), scaled(1e3, "tau1", "tau2")
+            scaled(1e3, "tau1", "tau2"),
+            lambda f: (
+                pd.read_csv(f / "b.csv")
+                .assign(tau1=lambda t: 1e3 * t["tau1"], tau2=lambda t: 1e3 * t["tau2"])
+                .to_csv(f / "b.csv", index=False)
+            ),
         ),
     ),
     Case("torque in N cm", CHECK, scaled(1e2, "tau1", "tau2")),

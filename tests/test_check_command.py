@@ -1,6 +1,7 @@
 """``hybrid-dynamics check``: one line a finding, the cure as a file, exit code 2 where close-loop would refuse."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from hybrid_dynamics.check import checked
 from hybrid_dynamics.check.content import check_content, check_rate
 from hybrid_dynamics.check.duplicates import check_duplicates
 from hybrid_dynamics.check.excitation import check_excitation
+from hybrid_dynamics.check.limits import check_limits
+from hybrid_dynamics.check.parameter_names import in_words
 from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.cli import main
 from hybrid_dynamics.errors import InputError
@@ -78,6 +81,22 @@ def test_a_suggestion_mends_what_has_one_clear_cure_and_close_loop_takes_it(logs
     # Never in silence over a file that is there.
     assert command(*fault, "--apply-suggestion", tmp_path / "log.yaml") == 2
     assert "log.yaml: exists; give another file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("signals", [("q",), ("q", "tau")])
+@pytest.mark.parametrize("velocity", [False, True])
+def test_columns_that_are_exchanged_are_mended_where_they_are_there(signals, velocity, logs, tmp_path, run, capsys):
+    """A log without dq has no columns of it to put in order, one with dq has."""
+    turned = with_velocity(run) if velocity else run
+    exchanged = [*signals, *(["dq"] if velocity else [])]
+    turned = turned.with_signals(**{s: turned[s][:, ::-1] for s in exchanged})
+    write_log(tmp_path / "a.parquet", turned, arm().joint_names)
+    fault = ("check", "--robot", logs / "robot.urdf", "--data", tmp_path / "a.parquet")
+    assert command(*fault) == 2
+    assert command(*fault, "--apply-suggestion", tmp_path / "log.yaml") == 0
+    assert "nothing is wrong" in capsys.readouterr().out
+    written = yaml.safe_load((tmp_path / "log.yaml").read_text())["columns"]
+    assert written == {s: [f"{s}2", f"{s}1"] for s in exchanged}
 
 
 def test_suggestions_come_on_top_of_a_description(tmp_path, logs, run, capsys):
@@ -176,7 +195,21 @@ def test_a_copy_of_a_training_run_is_no_test_run_whatever_it_is_called(run):
         with pytest.raises(InputError, match="run copy: holds the same samples as run train_1"):
             checked(arm(), [run], [same])
     assert check_duplicates([run], [other]) == []
-    assert codes(check_duplicates([run, copy], [])) == [("warning", "duplicate")]
+
+
+def test_a_copy_of_a_training_run_is_no_second_run(run):
+    """Hard where noise would repeat; runs that share some samples, and test runs twice, are told only."""
+    train, test = runs(train=2, test=1)
+    copy = Trajectory("copy", "train", run.time + 100.0, {s: np.round(x, 7) for s, x in run.signals.items()})
+    for same in (copy, copy.rows(slice(500, 2500))):
+        assert codes(check_duplicates([run, same], [])) == [("hard", "duplicate")]
+        with pytest.raises(InputError, match=r"run copy: holds the same samples as run train_1.*leave one out"):
+            checked(arm(), [run, same], test)
+    half = {s: np.concatenate([x[:1600], train[1][s][1600:]]) for s, x in run.signals.items()}
+    assert codes(check_duplicates([run, Trajectory("half", "train", run.time, half)], [])) == [("warning", "duplicate")]
+    twice = [test[0], Trajectory("again", "test", test[0].time, dict(test[0].signals))]
+    assert codes(check_duplicates([run], twice)) == [("warning", "duplicate")]
+    assert check_duplicates(train, test) == []
 
 
 def test_logs_too_slow_or_too_short_give_no_verdict(run):
@@ -231,3 +264,25 @@ def test_a_fault_in_one_run_of_several_is_found_and_named(run):
     with pytest.raises(InputError, match=r"wrong sign"):
         checked(arm(), train, [test[0].with_signals(tau=-test[0]["tau"])])
     assert {f.code for f in checked(arm(), train, test).findings} <= {"beyond_speed"}
+
+
+def test_parameters_that_come_out_vague_are_named_in_words(run):
+    """What a joint that hardly moves leaves open, by the joint's name."""
+    still = run.with_signals(q=run["q"] * [1.0, 0.0] + [0.0, 0.3])
+    said = " ".join(f.text for f in check_excitation(arm(), [still]))
+    assert "no motion shows rotor inertia of elbow, viscous friction of elbow" in said
+    assert not re.search(r"\b([ml]|l[xyz]|L[xyz]{2}|Ia|Fv|Fc|b)[0-9]\b", said)
+    assert in_words("Lxz2", ("a", "b")) == "moment of inertia xz of the link of b"
+    assert in_words("ly1", ("a", "b")) == "mass times y of the centre of the link of a"
+    assert in_words("Fc3", ("a", "b")) == "Fc3"
+
+
+@pytest.mark.parametrize(("faster", "asked"), [(1.0, None), (1.3, False), (30.0, True)])
+def test_the_clock_is_asked_about_only_where_all_joints_are_far_too_fast(run, faster, asked):
+    top = np.abs(np.gradient(run["q"], run.dt, axis=0)).max(axis=0)
+    slow = run.with_signals(q=run["q"] * 2.0 / top)  # rad/s; the limit is 3
+    found = check_limits(arm(), [Trajectory("a", "train", run.time / faster / 1.4, slow.signals)])
+    speeds = [f.text for f in found if f.code == "beyond_speed"]
+    assert len(speeds) == (asked is not None)
+    assert [text.endswith("are the time stamps in seconds?") for text in speeds] == [asked] * len(speeds)
+    assert not any(text.endswith(("; ", ";")) for text in speeds)

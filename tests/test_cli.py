@@ -99,6 +99,44 @@ def test_predict_replaces_its_own_file_and_no_log(here, name):
     assert run(*PREDICT, other.name, "--force") == 0
 
 
+def test_predict_says_where_no_model_would_be_better(here, capsys):
+    """Columns exchanged, and a log too slow: told, as check and close-loop refuse them; the log as it is: nothing."""
+    log = pd.read_parquet("run.parquet")
+    assert run(*PREDICT, "plain.parquet") == 0
+    said = capsys.readouterr().err
+    assert "worse than" not in said
+    assert "too slow" not in said
+    names = {f"{s}{a}": f"{s}{b}" for s in ("q", "dq") for a, b in ((2, 4), (4, 2))}
+    log.rename(columns=names).to_csv("swapped.csv", index=False)
+    assert run(*PREDICT[:-3], "--data", "swapped.csv", "--out", "swapped.parquet") == 0
+    assert re.search(
+        r"note: the model predicts this log worse than no model at all: \d+% of the torque is left; .*"
+        r"run hybrid-dynamics check on the log",
+        capsys.readouterr().err,
+    )
+    # One joint alone: it is named, though the arm as a whole is predicted well.
+    log.assign(tau4=-log["tau4"]).to_csv("turned.csv", index=False)
+    assert run(*PREDICT[:-3], "--data", "turned.csv", "--out", "turned.parquet") == 0
+    assert re.search(r"worse than no model at all on some joints: \d+% on panda_joint4 of the", capsys.readouterr().err)
+    step = round(0.2 / float(np.median(np.diff(log["time"]))))
+    wide = pd.concat([log.assign(time=log["time"] + k * (log["time"].iloc[-1] + 0.002)) for k in range(20)])
+    wide.iloc[::step].to_csv("slow.csv", index=False)
+    assert run(*PREDICT[:-3], "--data", "slow.csv", "--out", "slow.parquet") == 0
+    assert "5 Hz is too slow for dynamics; expected at least 10 Hz" in capsys.readouterr().err
+
+
+def test_import_replaces_no_file_unasked(here, capsys):
+    """Another run's log of the same name is a recording too."""
+    assert run(*IMPORT, "log.parquet") == 0
+    Path("log.parquet").write_bytes(b"old")
+    capsys.readouterr()
+    line = refused(here, capsys, *IMPORT, "log.parquet")
+    assert line == "error: log.parquet: exists; give another name, or --force to replace it"
+    assert "is an input" in refused(here, capsys, *IMPORT, "run.parquet", "--force")
+    assert run(*IMPORT, "log.parquet", "--force") == 0
+    assert len(pd.read_parquet("log.parquet")) == len(pd.read_parquet("run.parquet"))
+
+
 def test_predict_reads_logs_in_another_form(here):
     """Columns by name in degrees, motor side with its sign turned: the same prediction as for the plain log."""
     log = pd.read_parquet("run.parquet")

@@ -76,11 +76,22 @@ def test_every_command_has_the_common_options_and_an_example(capsys):
         for option in ("--json", "--quiet", "--version", "--config"):
             assert option in text, (name, option)
         assert f"hybrid-dynamics {name}" in text.split("Example:")[1]
-        assert "130" in text
+        # The command can be copied as it stands, and is not run together with what comes after it.
+        example, codes = text.split("Example:\n")[1].strip("\n").split("\n\n")
+        assert "\n" not in example
+        assert codes.startswith("Exit codes: 0")
+        assert "130" in codes
         with pytest.raises(SystemExit) as stop:
             main([name, "--version"])
         assert stop.value.code in (0, None)
         assert capsys.readouterr().out.startswith("hybrid-dynamics ")
+
+
+def test_the_help_of_export_names_the_endings(capsys):
+    with pytest.raises(SystemExit):
+        main(["export", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "ends in .urdf for urdf, .xml or .mjcf for mjcf, .c for c, .py for python, .casadi for casadi" in said
 
 
 def test_the_console_names_the_effect_in_words_first(here, capsys):

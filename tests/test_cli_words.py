@@ -5,7 +5,16 @@ import re
 
 import pytest
 
-from hybrid_dynamics.cli.words import TOLD_ALREADY, details, headline, joint_rows, notes, parameter_lines
+from hybrid_dynamics.cli.words import (
+    TOLD_ALREADY,
+    details,
+    headline,
+    joint_rows,
+    notes,
+    parameter_lines,
+    second_line,
+    verdict_line,
+)
 from hybrid_dynamics.effects import Effect, catalogue, family
 from hybrid_dynamics.loop import describe
 from hybrid_dynamics.loop.model import effect_to_json
@@ -34,7 +43,7 @@ def diagnosis() -> dict:
 def test_words_for_every_verdict():
     value = diagnosis()
     effect = value.pop("effect")
-    assert headline(value) == "missing: payload 1.47 kg; held-out error 22.8 % → 0.62 %"
+    assert headline(value) == second_line(value) == "missing: payload 1.47 kg; held-out error 22.8 % → 0.62 %"
     value["effects"] += [
         effect("coulomb_friction", ["a"], ("coulomb_torque", 3.0, "N m")),
         effect("coulomb_friction", ["b"], ("coulomb_torque", 5.0, "N m")),
@@ -56,6 +65,12 @@ def test_words_for_every_verdict():
     assert "not down to noise: a: what is left depends on the motion" in told
     value["verdict"] = "nothing_missing"
     assert headline(value) == "nothing is missing; held-out error 0.62 %"
+    rest = "what the model leaves does not depend on the motion"
+    assert [verdict_line(value), second_line(value)] == [f"arm: nothing missing: {rest}", "held-out error 0.62 %"]
+    # Asked of an earlier model, that is no statement about the robot's URDF.
+    value["provenance"] = {"command": {"model": "model.json"}}
+    assert headline(value) == "nothing has changed; held-out error 0.62 %"
+    assert [verdict_line(value), second_line(value)] == [f"arm: nothing has changed: {rest}", "held-out error 0.62 %"]
 
 
 def test_words_for_what_cannot_be_told_apart():

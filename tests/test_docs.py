@@ -16,12 +16,13 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """The command ``hybrid-dynamics`` of this checkout first on the path, as an installation puts it there."""
-    command = folder / "bin" / "hybrid-dynamics"
-    command.parent.mkdir()
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "from hybrid_dynamics.cli import main; main()" "$@"\n')
-    command.chmod(0o755)
-    path = os.pathsep.join([str(command.parent), os.environ["PATH"]])
+    """``hybrid-dynamics`` and ``python`` of this checkout first on the path, as an installation puts them there."""
+    commands = folder / "bin"
+    commands.mkdir()
+    for name, options in (("hybrid-dynamics", '-c "from hybrid_dynamics.cli import main; main()"'), ("python", "")):
+        (commands / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {options} "$@"\n')
+        (commands / name).chmod(0o755)
+    path = os.pathsep.join([str(commands), os.environ["PATH"]])
     return {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT / "src")}
 
 
@@ -44,6 +45,26 @@ def test_your_own_robot_in_five_minutes_runs_as_it_is_written(tmp_path: Path) ->
     assert "Coulomb friction on elbow" in page
     for name in ("predicted.parquet", "completed.urdf", "completed.py", "changed/report.html"):
         assert (tmp_path / name).is_file()
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_readme_run_as_they_are_written(tmp_path: Path) -> None:
+    """Those for one's own robot, on the arm that the first of them writes."""
+    (block,) = (b for b in blocks(ROOT / "README.md") if "hybrid-dynamics" in b)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", block],
+        cwd=tmp_path,
+        env=environment(tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    for name in ("result/report.html", "predicted.parquet", "completed.urdf"):
+        assert (tmp_path / "demo" / name).is_file()
+    assert "hidden: viscous_friction (shoulder): viscous_coefficient 3" in done.stdout
+    assert "missing: viscous friction 3 N m s/rad on shoulder; Coulomb friction 1.5 N m on elbow" in done.stdout
 
 
 def test_the_tutorial_has_the_arm_of_the_examples() -> None:

@@ -45,7 +45,15 @@ def test_pinocchio_predicts_better_with_the_completed_model(run):
     assert all(float(after) < float(before) / 5 for before, after in pairs)
 
 
+def test_the_arm_writes_files_for_the_commands_and_replaces_none(run, tmp_path):
+    said = run("demo_arm.py", "--out", "demo")
+    names = ["robot.urdf", "test_1.parquet", "train_1.parquet", "train_2.parquet"]
+    assert sorted(p.name for p in (tmp_path / "demo").iterdir()) == names
+    assert "hidden: coulomb_friction (elbow): coulomb_torque 1.5" in said
+    with pytest.raises(SystemExit, match="demo: holds files already"):
+        run("demo_arm.py", "--out", "demo")
+
+
 def test_every_example_is_run_here():
-    tested = {"ros2_bag.py", "mujoco_before_after.py", "pinocchio_predict.py"}
-    helpers = {"demo_arm.py"}
-    assert {path.name for path in EXAMPLES.glob("*.py")} == tested | helpers
+    tested = {"ros2_bag.py", "mujoco_before_after.py", "pinocchio_predict.py", "demo_arm.py"}
+    assert {path.name for path in EXAMPLES.glob("*.py")} == tested

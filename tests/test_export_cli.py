@@ -77,6 +77,20 @@ def test_strict_makes_the_loss_an_error(form, path, tmp_path, capsys):
     assert not out.exists()
 
 
+def test_the_same_loss_of_several_joints_is_one_line_with_all_of_them(robot, tmp_path, capsys):
+    joints = robot.joint_names
+    stribeck = {"coulomb_torque": 0.5, "static_torque": 0.9, "stribeck_velocity": 0.1}
+    effects = [Effect("stribeck_friction", (joint,), stribeck) for joint in joints[:2]]
+    effects.append(Effect("coulomb_friction", joints[2:3], {"coulomb_torque": 0.5}, {"sign_displacement": 0.01}))
+    path = saved(Model(robot, tuple(effects)), tmp_path)
+    code, _, err = run(capsys, *arguments(path, "urdf", tmp_path / "arm.urdf", "--strict"))
+    assert code == 2
+    assert err.count("\n") == 1
+    rise = f"stribeck_friction of 2 joints ({joints[0]}, {joints[1]}) in full: without the rise of friction"
+    turn = f"coulomb_friction ({joints[2]}) in full: without the gradual turn-over of friction at a reversal"
+    assert f"{rise} towards standstill | {turn}" in err
+
+
 def test_effects_that_runs_contradict_are_left_out_and_that_is_said(model, robot, tmp_path, capsys):
     """An inactive effect of model.json is on record only: no torque of it in the file, and its name on the console."""
     third = robot.joint_names[2]
@@ -102,6 +116,31 @@ def test_what_was_there_and_what_changed_since_is_told_as_one(model, robot, tmp_
     assert noted.count(f"urdf cannot carry torque_offset ({third})") == 1
     assert f"torque_offset ({third}): offset 0.5 +- 0.25 N m" in out.read_text()
     assert "-1.5" not in out.read_text().split("<robot")[0]
+
+
+@pytest.mark.parametrize(
+    ("block", "words"),
+    [
+        (None, "standard errors of the parameters (taken as independent of one another)."),
+        ({"residual": [0.1, 0.1, 0.1]}, "(taken as independent of one another) and the error on held-out runs."),
+        (
+            {"residual": [0.1, 0.1, 0.1], "correlation": [[1.0, 0.9], [0.9, 1.0]]},
+            "standard errors of the parameters with their correlations and the error on held-out runs.",
+        ),
+    ],
+)
+def test_what_the_standard_deviation_is_made_of_is_said_as_it_is(block, words, robot, tmp_path, capsys):
+    viscous = [
+        Effect("viscous_friction", (joint,), {"viscous_coefficient": 0.4}, {}, {"viscous_coefficient": 0.01})
+        for joint in robot.joint_names[:2]
+    ]
+    path = saved(Model(robot, tuple(viscous)), tmp_path)
+    if block is not None:
+        changed(path, lambda v: v.update(uncertainty=block))
+    heads = {"c": "arm.h", "python": "arm.py", "casadi": "arm.casadi.txt"}
+    for form, head in heads.items():
+        assert run(capsys, *arguments(path, form, tmp_path / f"arm.{ENDINGS[form]}"))[0] == 0
+        assert words in " ".join((tmp_path / head).read_text().split()), form
 
 
 def test_strict_is_content_where_all_is_carried(path, tmp_path, capsys):
@@ -227,6 +266,6 @@ def test_without_the_extra_the_remedy_is_told(form, extra, path, tmp_path, capsy
     ending = {**ENDINGS, "onnx": "onnx"}[form]
     code, _, err = run(capsys, *arguments(path, form, tmp_path / f"arm.{ending}"))
     assert code == 2
-    assert f"pip install 'hybrid-dynamics[{extra}]'" in err
+    assert f"run in a clone of the project: pip install '.[{extra}]'" in err
     # A URDF needs none of them.
     assert run(capsys, *arguments(path, "urdf", tmp_path / "arm.urdf"))[0] == 0

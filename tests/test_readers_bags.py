@@ -347,7 +347,7 @@ def test_import_command(tmp_path: Path, robot: Robot, capsys: pytest.CaptureFixt
     assert table.column_names == ["time", "q1", "q2", "dq1", "dq2", "tau1", "tau2"]
     np.testing.assert_allclose(table["q1"], [q[0] for q in run.q])
     first = out.read_bytes()
-    command("--robot", str(tmp_path / "robot.urdf"), "--data", str(bag), "--out", str(out))
+    command("--robot", str(tmp_path / "robot.urdf"), "--data", str(bag), "--out", str(out), "--force")
     assert out.read_bytes() == first
     np.testing.assert_allclose(read_log(out, JOINTS)["q"], np.array(run.q))
 

@@ -81,3 +81,21 @@ def test_a_signal_full_of_departures_is_left_alone():
     tau = run["tau"].copy()
     tau[::12, 0] += 20.0
     assert all(g.joint != 0 for g in repair(run.with_signals(tau=tau))[1])
+
+
+@pytest.mark.parametrize("rate", [8.0, 10.0, 20.0])
+@pytest.mark.parametrize("phase", [0.0, 0.3, 1.1])
+def test_a_motion_that_a_slow_log_hardly_resolves_is_no_glitch(rate, phase):
+    """At a turning point the running median is far away, but the neighbours know where the sample is."""
+    time = np.arange(0.0, 20.0, 1 / rate)
+    q = np.sin(2 * np.pi * np.outer(time, [0.3, 0.39]) + phase) * np.array([1.0, 0.4])
+    clean = Trajectory("slow", "train", time, {"q": q})
+    same, found = repair(clean)
+    assert found == []
+    assert same is clean
+    # The control: a sample that the neighbours know nothing of.
+    spoilt = q.copy()
+    spoilt[50] += 3.0 * q.std(axis=0)
+    mended, found = repair(clean.with_signals(q=spoilt))
+    assert {g.joint: g.rows.tolist() for g in found} == {0: [50], 1: [50]}
+    assert np.abs(mended["q"] - q).max() < 1e-3

@@ -139,7 +139,7 @@ BAD: dict[str, tuple[Callable[[str], str], list[str]]] = {
     "unsorted": (swap_rows, ["column 'time'", "row 102", "goes back", "strictly increasing"]),
     "truncated": (lambda text: text[: -len(text) // 3], ["row ", "truncated", "expected 7"]),
     "row too short": (change(40, 7, "1.0\n0.5,1"), ["row 41 has 2 columns", "expected 7"]),
-    "missing torque": (change(1, 7, "effort2"), ["1 joints (tau1 to tau1)", "robot has 2"]),
+    "missing torque": (change(1, 7, "effort2"), ["column 'tau2' is missing", "robot has 2 joints"]),
     "missing column": (change(1, 6, "effort1"), ["column 'tau1' is missing", "tau1 to tau2"]),
     "missing velocity": (change(1, 4, "v1"), ["column 'dq1' is missing", "dq1 to dq2"]),
     "missing time": (change(1, 1, "t"), ["column 'time' is missing"]),
@@ -147,6 +147,7 @@ BAD: dict[str, tuple[Callable[[str], str], list[str]]] = {
     "no header": (drop_line(1), ["column 'time' is missing"]),
     "semicolons": (lambda text: text.replace(",", ";"), ["row 1", "no comma"]),
     "zero torque": (zero_torque, ["torque columns are all zero", "log effort"]),
+    "too slow": (lambda text: "\n".join(text.splitlines()[::20]), ["(5 Hz)", "at least 50", "log at a higher rate"]),
     "too few rows": (lambda text: "\n".join(text.splitlines()[:20]), ["19 rows", "at least 50"]),
     "empty": (lambda text: "", ["empty", "time,q1..qn"]),
     "milliseconds": (scale_time, ["column 'time'", "seconds", "milliseconds"]),
@@ -196,9 +197,9 @@ def test_damaged_bytes_are_refused_or_harmless(
 
 def test_wrong_number_of_joints(tmp_path: Path) -> None:
     path = write(tmp_path, csv_text(UNIFORM, n=3))
-    with pytest.raises(InputError, match=r"3 joints \(q1 to q3\); the robot has 2 \(shoulder, elbow\)"):
+    with pytest.raises(InputError, match=r"3 columns of q \(q1 to q3\); the robot has 2 joints \(shoulder, elbow\)"):
         read_log(path, JOINTS)
-    with pytest.raises(InputError, match=r"3 joints \(q1 to q3\); the robot has 4"):
+    with pytest.raises(InputError, match=r"column 'q4' is missing; the robot has 4 joints"):
         read_log(path, ("a", "b", "c", "d"))
 
 

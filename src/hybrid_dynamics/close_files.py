@@ -9,6 +9,7 @@ from typing import Any
 
 from hybrid_dynamics.effects.urdf_dynamics import urdf_dynamics
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.files import check_once
 from hybrid_dynamics.loop.close import close_loop
 from hybrid_dynamics.loop.described import with_described
 from hybrid_dynamics.loop.model import Model, load_model
@@ -51,6 +52,8 @@ class LoopFiles:
     def check(self) -> None:
         """Raise :class:`InputError` for what is wrong before anything is read."""
         check_result_folder(self.out, RESULT_FILES, self.inputs, force=self.force, ours=is_result)
+        check_once(self.train, "--train")
+        check_once(self.test, "--test")
         for log in self.test:
             if log.exists() and any(other.exists() and log.samefile(other) for other in self.train):
                 raise InputError(f"{log}: is given to --train and to --test; held-out logs must not be learnt from")

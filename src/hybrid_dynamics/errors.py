@@ -49,7 +49,7 @@ def needs_extra(extra: str, what: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         raise MissingDependencyError(
             f"{what} needs the package {error.name}, which is not installed; "
-            f"run: pip install 'hybrid-dynamics[{extra}]'"
+            f"run in a clone of the project: pip install '.[{extra}]' (make venv there installs everything)"
         ) from None
 
 

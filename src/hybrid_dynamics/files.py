@@ -7,7 +7,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,13 @@ def check_target(path: str | os.PathLike[str], inputs: Iterable[str | os.PathLik
     for other in inputs:
         if target.exists() and Path(other).exists() and target.samefile(other):
             raise InputError(f"{target}: is an input and would be overwritten; give another name for the output")
+
+
+def check_once(logs: Sequence[Path], option: str) -> None:
+    """Raise :class:`InputError` where ``logs``, given to ``option``, name one file twice, in whatever words."""
+    for k, log in enumerate(logs):
+        if log.exists() and any(other.exists() and log.samefile(other) for other in logs[:k]):
+            raise InputError(f"{log}: the same file is given twice to {option}; it is one run: leave one out")
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:

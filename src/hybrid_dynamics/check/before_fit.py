@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -92,6 +92,7 @@ def checked(
         if _of_no_use(velocity):
             part[:] = [_without_velocity(run) for run in part]
         of_torque, found_gravity = _torque(body, part)
+        of_torque = [_of_held_signals(f, part) for f in of_torque]
         if part is second and angle(found_gravity, gravity) < SAME_MOUNTING:
             of_torque = [f for f in of_torque if f.code != "mounting"]
         # What both say is told once; a hard finding is never left out.
@@ -114,6 +115,8 @@ def checked_motion(robot: Robot, log: Trajectory) -> tuple[Trajectory, list[Find
     if not findings:
         findings = check_velocity(robot.joint_names, pieces)
     refuse_hard(findings)
+    # What a slow log resolves is predicted all the same; that it is little must be known.
+    findings += [replace(f, severity="warning") for f in _once(check_rate(pieces)) if f.code == "too_slow"]
     return _without_velocity(log) if _of_no_use(findings) else log, findings
 
 
@@ -164,6 +167,16 @@ def _torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding], Ar
             of_it = (f for f in alone if f.severity == "hard" and f.joint in ("", *joints))
             findings += [replace(f, run=run.name) for f in of_it]
     return findings, gravity
+
+
+def _of_held_signals(finding: Finding, runs: Sequence[Trajectory]) -> Finding:
+    """``finding`` with a cure for signals that all ``runs`` hold: naming columns that are not there cures nothing."""
+    held = set.intersection(*(set(run.signals) for run in runs))
+    cure = {
+        key: {signal: v for signal, v in value.items() if signal in held} if isinstance(value, Mapping) else value
+        for key, value in finding.suggestion.items()
+    }
+    return replace(finding, suggestion=cure)
 
 
 def _without_velocity(run: Trajectory) -> Trajectory:

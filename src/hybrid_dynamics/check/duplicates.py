@@ -14,12 +14,16 @@ from hybrid_dynamics.trajectory import Trajectory
 POSITION, TORQUE = 1e-4, 1e-3
 #: Rows at rest are alike in any run; only those count in which some joint moves by more than this a sample.
 STEP = 1e-5
-#: Share of the shorter run's rows that are in the other one too.
-SHARE = 0.3
+#: Share of the shorter run's rows that are in the other one too, and that from which it is a copy of it.
+SHARE, COPY = 0.3, 0.9
 
 
 def check_duplicates(train: Sequence[Trajectory], test: Sequence[Trajectory]) -> list[Finding]:
-    """Hard where a test run holds samples of a training run; a note where two training runs do."""
+    """Hard where a test run holds samples of a training run, or one training run is a copy of another or of a part.
+
+    What repeats from run to run counts as the motion's, what does not as noise: with a copy noise repeats too, and the
+    noise floor and all standard errors are told too small.
+    """
     runs = [*train, *test]
     if len(runs) < 2:
         return []
@@ -35,13 +39,16 @@ def check_duplicates(train: Sequence[Trajectory], test: Sequence[Trajectory]) ->
             if share < SHARE:
                 continue
             held_out = a < len(train) <= b
+            copied = b < len(train) and share >= COPY
             remedy = (
                 "held-out logs must not be learnt from: give another run to --test"
                 if held_out
+                else "with a copy noise repeats, and passes for what the robot does: leave one out"
+                if copied
                 else "the same samples twice are not two runs: leave one out"
             )
             text = f"holds the same samples as run {runs[a].name} ({share:.0%} of them); {remedy}"
-            out.append(Finding("duplicate", "hard" if held_out else "warning", text, run=runs[b].name))
+            out.append(Finding("duplicate", "hard" if held_out or copied else "warning", text, run=runs[b].name))
     return out
 
 

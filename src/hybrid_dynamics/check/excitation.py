@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hybrid_dynamics.check.findings import Finding, Severity
+from hybrid_dynamics.check.parameter_names import in_words
 from hybrid_dynamics.check.samples import Stretch, direction, stretches
 from hybrid_dynamics.effects.units import unit_at
 from hybrid_dynamics.identification.base_parameters import base_parameters, full_regressor
@@ -25,6 +26,8 @@ ROWS = 1500
 POOR, HOPELESS = 300.0, 3000.0
 #: Fewest reversals of a joint, and the share of its range that it should cover.
 REVERSALS, COVERED = 4, 0.1
+#: Parameters that a line names; of further ones the number.
+SHOWN = 4
 
 
 def check_excitation(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
@@ -69,6 +72,7 @@ def _condition(robot: Robot, parts: Sequence[Stretch]) -> list[Finding]:
     weight = 1.0 / np.maximum(tau.std(axis=0), 1e-9)
     table = (np.concatenate([rows, friction], axis=2) * weight[None, :, None]).reshape(len(q) * n, -1)
     names = [*base.base_names, *(f"{kind}{j + 1}" for j in range(n) for kind in ("Fv", "Fc", "b"))]
+    names = [in_words(name, robot.joint_names) for name in names]
     length = np.linalg.norm(table, axis=0)
     alive = length > 1e-9 * length.max()
     unseen = [name for name, seen in zip(names, alive, strict=True) if not seen]
@@ -97,13 +101,17 @@ def _condition(robot: Robot, parts: Sequence[Stretch]) -> list[Finding]:
         )
         text += "; move all joints at once, at different frequencies"
     if unseen:
-        text += f"; no motion shows {', '.join(unseen[:5])}{', ...' if len(unseen) > 5 else ''}"
+        text += f"; no motion shows {_some(unseen)}"
     out = [Finding("condition", severity, text)]
     if vague:
-        shown = ", ".join(vague[:6]) + (", ..." if len(vague) > 6 else "")
         text = (
-            f"{len(vague)} of {len(kept)} parameters would come out with an error larger than themselves ({shown}): "
-            "they are small here, or the motion does not show them"
+            f"{len(vague)} of {len(kept)} parameters would come out with an error larger than themselves "
+            f"({_some(vague)}): they are small here, or the motion does not show them"
         )
         out.append(Finding("expected_errors", "note", text))
     return out
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first of ``names``, and how many more there are."""
+    return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")

@@ -14,6 +14,8 @@ from hybrid_dynamics.trajectory import Trajectory
 MAX_ANGLE, MAX_TURNING = 6 * np.pi, 12 * np.pi
 #: Limits are exceeded by more than this: radians, and shares.
 ANGLE_MARGIN, SPEED_MARGIN, EFFORT_MARGIN = 0.05, 1.1, 1.2
+#: Speeds of all joints this many times their limits are a matter of the clock, not of a joint that moves too fast.
+CLOCK = 3.0
 
 
 def check_angles(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
@@ -44,19 +46,22 @@ def check_limits(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
     low, high = robot.position_limits
     speed, effort = robot.velocity_limits, robot.effort_limits
     angles, speeds, torques = [], [], []
+    times = []  # its limit
     length, effort_unit = ("rad or m", "N m or N") if robot.prismatic else ("rad", "N m")
     for j, name in enumerate(robot.joint_names):
         q = np.concatenate([run["q"][:, j] for run in runs])
         if high[j] > low[j] and (q.min() < low[j] - ANGLE_MARGIN or q.max() > high[j] + ANGLE_MARGIN):
             angles.append(f"{name} {q.min():.3g} to {q.max():.3g} (limits {low[j]:.3g} to {high[j]:.3g})")
         fastest = max(float(np.percentile(np.abs(np.gradient(run["q"][:, j], run.dt)), 99.5)) for run in runs)
+        times += [fastest / speed[j]] if speed[j] > 0 and fastest > 0 else []
         if 0 < speed[j] * SPEED_MARGIN < fastest:
             speeds.append(f"{name} {fastest:.3g} (limit {speed[j]:.3g})")
         largest = max((float(np.abs(run["tau"][:, j]).max()) for run in runs if "tau" in run), default=0.0)
         if 0 < effort[j] * EFFORT_MARGIN < largest:
             torques.append(f"{name} {largest:.3g} (limit {effort[j]:.3g})")
+    clock = "are the time stamps in seconds?" if min(times, default=0.0) > CLOCK else ""
     return [
-        Finding(code, "warning", f"{what} beyond the URDF's limits: {', '.join(found)}; {question}")
+        Finding(code, "warning", f"{what} beyond the URDF's limits: {', '.join(found)}; {question}".removesuffix("; "))
         for code, what, found, question in (
             (
                 "beyond_limits",
@@ -64,7 +69,7 @@ def check_limits(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
                 angles,
                 "is it this robot, and is its zero position the URDF's?",
             ),
-            ("beyond_speed", f"speeds [{length}/s]", speeds, "are the time stamps in seconds?"),
+            ("beyond_speed", f"speeds [{length}/s]", speeds, clock),
             ("beyond_effort", f"torques [{effort_unit}]", torques, f"are they {effort_unit} at the joint?"),
         )
         if found

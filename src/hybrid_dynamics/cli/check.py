@@ -50,12 +50,15 @@ def run(args: argparse.Namespace) -> int:
     from hybrid_dynamics.check.suggestion import combined
     from hybrid_dynamics.cli.suggestion import read_plain, write_description
     from hybrid_dynamics.errors import InputError
+    from hybrid_dynamics.files import check_once
     from hybrid_dynamics.robots import Robot
 
     console = Console.of(args)
     robot = Robot.from_urdf(args.robot, tuple(args.lock))
     if args.apply_suggestion is not None and args.apply_suggestion.exists() and not args.force:
         raise InputError(f"{args.apply_suggestion}: exists; give another file for the suggestion, or --force")
+    check_once(args.data, "--data")
+    check_once(args.test, "--test")
     findings = look(robot, args.data, args.test, log_form(args))
     hard = _tell(console, findings)
     description, told = combined(read_plain(args), findings, robot.joint_names)

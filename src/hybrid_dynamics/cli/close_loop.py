@@ -79,14 +79,22 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _tell(console: Console, diagnosis: dict[str, Any], out: Path) -> None:
-    from hybrid_dynamics.cli.words import details, headline, joint_rows, notes, parameter_lines, verdict_line
+    from hybrid_dynamics.cli.words import (
+        details,
+        headline,
+        joint_rows,
+        notes,
+        parameter_lines,
+        second_line,
+        verdict_line,
+    )
     from hybrid_dynamics.loop_report.output import RESULT_FILES
     from hybrid_dynamics.loop_report.words import told_first
 
     console.say(verdict_line(diagnosis))
     for note in told_first(diagnosis):
         console.say(note)
-    console.say(headline(diagnosis))
+    console.say(second_line(diagnosis))
     for line in details(diagnosis):
         console.say(f"  {line}")
     if diagnosis["effects"]:

@@ -25,7 +25,10 @@ def add_parser(subparsers: Any) -> None:
     add_robot(parser)
     parser.add_argument("--model", required=True, type=Path, metavar="FILE", help="model.json written by close-loop")
     parser.add_argument("--format", required=True, choices=list(FORMATS), help="what to write")
-    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="file to write")
+    endings = ", ".join(f"{' or '.join(kind.endings)} for {form}" for form, kind in FORMATS.items())
+    parser.add_argument(
+        "--out", required=True, type=Path, metavar="FILE", help=f"file to write; its name ends in {endings}"
+    )
     parser.add_argument("--strict", action="store_true", help="refuse where the format cannot carry all of the model")
     parser.add_argument("--force", action="store_true", help="replace the file where it exists")
 

@@ -27,15 +27,21 @@ def add_parser(subparsers: Any) -> None:
         "--data", required=True, type=Path, metavar="FILE", help="bag, MCAP, bag folder, CSV or Parquet"
     )
     parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="the Parquet file to write")
+    parser.add_argument("--force", action="store_true", help="replace the file where it exists")
     parser.add_argument("--topic", help="JointState topic, where the recording holds several")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command; raises :class:`~hybrid_dynamics.errors.InputError` for unusable input."""
+    from hybrid_dynamics.errors import InputError
+    from hybrid_dynamics.files import check_target
     from hybrid_dynamics.readers.log import import_log
     from hybrid_dynamics.robots import Robot
 
     console = Console.of(args)
+    check_target(args.out, [args.data, args.robot])
+    if args.out.exists() and not args.force:
+        raise InputError(f"{args.out}: exists; give another name, or --force to replace it")
     robot = Robot.from_urdf(args.robot, tuple(args.lock))
     notices: list[str] = []
 

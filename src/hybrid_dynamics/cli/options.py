@@ -19,6 +19,15 @@ LOG_HELP = (
 )
 
 
+class Paragraphs(argparse.HelpFormatter):
+    """Help in which an empty line ends a paragraph, and an indented line (a command) is not broken."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        fill = super()._fill_text
+        parts = text.split("\n\n")
+        return "\n\n".join(part if part.startswith("  ") else fill(part, width, indent) for part in parts)
+
+
 class Parser(argparse.ArgumentParser):
     """An argument parser whose complaint is one line."""
 
@@ -58,7 +67,8 @@ def add_command(
         name,
         help=short,
         description=long,
-        epilog=f"Example: {example}   {EXIT_CODES}",
+        epilog=f"Example:\n\n  {example}\n\n{EXIT_CODES}",
+        formatter_class=Paragraphs,
         allow_abbrev=False,
     )
     parser.set_defaults(run=run)

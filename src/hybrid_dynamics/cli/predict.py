@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from hybrid_dynamics.robots import Robot
 
 SUFFIXES = (".parquet", ".pq", ".csv")
+#: Share of the largest joint torque below which a joint's own error says nothing of the log.
+SMALL = 0.01
 
 
 def add_parser(subparsers: Any) -> None:
@@ -93,6 +95,8 @@ def run(args: argparse.Namespace) -> int:
     left_out = int((~prediction.covered).sum())
     if left_out:
         notices.append(f"{left_out} rows stand in stretches too short to filter; they have no prediction")
+    if prediction.measured is not None:
+        notices += _worse_than_nothing(prediction, robot)
     for notice in dict.fromkeys(notices):
         console.note(notice)
     table = _table(prediction, robot)
@@ -127,6 +131,25 @@ def _is_prediction(path: Path) -> bool:
     except (OSError, UnicodeDecodeError, pa.ArrowException):
         return False
     return names[:2] == ["time", "tau1"] and not any(name.startswith("q") for name in names)
+
+
+def _worse_than_nothing(prediction: Prediction, robot: Robot) -> list[str]:
+    """A note where the model had better be left out: columns exchanged, another robot, or another mounting of it."""
+    import numpy as np
+
+    remedy = "is it this robot, and are the columns in order? run hybrid-dynamics check on the log"
+    measured = prediction.measured_smooth
+    assert measured is not None
+    left = prediction.relative_error()
+    if left > 1:
+        return [f"the model predicts this log worse than no model at all: {left:.0%} of the torque is left; {remedy}"]
+    errors, size = prediction.rmse(), np.sqrt(np.mean(measured[prediction.covered] ** 2, axis=0))
+    # The same of one joint; not of one whose torque is next to nothing beside the others'.
+    own = [j for j in range(len(errors)) if errors[j] > size[j] > SMALL * float(np.max(size))]
+    if not own:
+        return []
+    shown = ", ".join(f"{errors[j] / size[j]:.0%} on {robot.joint_names[j]}" for j in own)
+    return [f"the model predicts worse than no model at all on some joints: {shown} of the torque is left; {remedy}"]
 
 
 def _tell_error(console: Console, prediction: Prediction, robot: Robot) -> dict[str, Any]:

@@ -35,8 +35,12 @@ TOLD_ALREADY = ("contradicted by the test runs", "what is left changes slowly", 
 def verdict_line(diagnosis: Mapping[str, Any]) -> str:
     """``panda: explained: what the model lacked has been found ...``."""
     verdict = diagnosis["verdict"]
-    meaning = VERDICTS[verdict]
-    return f"{diagnosis['robot']}: {verdict.replace('_', ' ')}: {meaning[:1].lower()}{meaning[1:].rstrip('.')}"
+    meaning, short = VERDICTS[verdict], verdict.replace("_", " ")
+    if verdict == "nothing_missing":
+        # The sentence begins with the verdict.
+        meaning = meaning.partition(": ")[2]
+        short = "nothing has changed" if asked(diagnosis) else short
+    return f"{diagnosis['robot']}: {short}: {meaning[:1].lower()}{meaning[1:].rstrip('.')}"
 
 
 def headline(diagnosis: Mapping[str, Any]) -> str:
@@ -45,12 +49,19 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
     named = "; ".join(effect_phrases([e for e in diagnosis["effects"] if confirmed(e)]))
     error = _error_change(diagnosis)
     if verdict == "nothing_missing":
-        return f"nothing is missing; held-out error {_percent(final_errors(diagnosis)['relative_error'])}"
+        lead = "nothing has changed" if asked(diagnosis) else "nothing is missing"
+        return f"{lead}; held-out error {_percent(final_errors(diagnosis)['relative_error'])}"
     if not named:
         return f"something is missing, but nothing known explains it; {error}"
     # Asked of an earlier model, what is found is what has changed since: friction may have become less.
     lead = "changed" if asked(diagnosis) else "missing or wrong in the URDF" if described(diagnosis) else "missing"
     return f"{lead}{'' if verdict == 'explained' else ', and not all'}: {named}; {error}"
+
+
+def second_line(diagnosis: Mapping[str, Any]) -> str:
+    """The headline behind :func:`verdict_line`, without what that has said already."""
+    line = headline(diagnosis)
+    return line.partition("; ")[2] if diagnosis["verdict"] == "nothing_missing" else line
 
 
 def effect_phrases(effects: Sequence[Entry]) -> list[str]:
@@ -209,7 +220,7 @@ def joint_rows(diagnosis: Mapping[str, Any]) -> tuple[list[str], list[list[str]]
         errors = [f"{before['rmse'][j]:.3g}", f"{final['rmse'][j]:.3g}"]
         name, relative = with_unit(name, slides(diagnosis)), _percent(final["relative_rmse"][j])
         rows.append([name, *errors, relative, floor, state_of(diagnosis, j)[1]])
-    return ["held-out rmse [N m]", "before", "after", "of the spread", "noise floor", "what is left"], rows
+    return ["held-out rmse, all samples [N m]", "before", "after", "of the spread", "noise floor", "what is left"], rows
 
 
 def _where(entries: Sequence[Entry]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from pathlib import Path
 
 import casadi as cs
@@ -16,8 +17,7 @@ _WORDS = {
     "rigid_body": "Rigid-body torque [N m] of the robot before any effect: the tau_model that residual adds to.",
     "residual": "What the drive must add [N m] to tau_model, the rigid-body torque of the robot before any effect.",
     "torque": "Drive torque [N m] of the completed model.",
-    "torque_std": "Standard deviation [N m] of torque: standard errors of the parameters, taken as independent of one\n"
-    "   another, and the error on held-out runs.",
+    "torque_std": "Standard deviation [N m] of torque: {deviation}.",
     "advance": "The state after dt [s] at joint speeds dq; out may be state itself.",
 }
 
@@ -59,7 +59,9 @@ def _header(stem: str, model: SymbolicModel, functions: list[cs.Function]) -> st
     lines[-1] += " */"
     lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for function in functions:
-        lines += [f"/* {_WORDS[function.name()]} */", f"{_signature(function)};", ""]
+        words = _WORDS[function.name()].format(deviation=model.deviation_words)
+        comment = textwrap.fill(f"/* {words} */", 110, subsequent_indent="   ")
+        lines += [comment, f"{_signature(function)};", ""]
     return "\n".join([*lines, "#ifdef __cplusplus", "}", "#endif", "", "#endif", ""])
 
 

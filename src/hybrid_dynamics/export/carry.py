@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hybrid_dynamics.effects import Effect
@@ -47,18 +47,20 @@ class Carried:
     kept: Mapping[str, str]
     lost: tuple[str, ...]
 
-    @property
-    def where(self) -> str:
-        """The effect and its place, for messages."""
-        return f"{self.effect.effect} ({self.effect.joints[0] if self.effect.joints else 'whole robot'})"
 
-    @property
-    def loss(self) -> str:
-        """One line on what is lost, empty where nothing is."""
-        if not self.lost:
-            return ""
-        what = "; ".join(WORDS[term] for term in self.lost)
-        return f"{self.where}{' in full: without the ' if self.kept else ': '}{what}"
+def losses(effects: Sequence[Carried]) -> list[str]:
+    """One line on each thing that is lost, with the joints where it is: the same loss of several joints is one line."""
+    places: dict[tuple[str, bool, tuple[str, ...]], list[str]] = {}
+    for c in effects:
+        if c.lost:
+            own = places.setdefault((c.effect.effect, bool(c.kept), c.lost), [])
+            own.append(c.effect.joints[0] if c.effect.joints else "whole robot")
+    out = []
+    for (name, in_part, lost), where in places.items():
+        several = f" of {len(where)} joints" if len(where) > 1 else ""
+        what = "; ".join(WORDS[term] for term in lost)
+        out.append(f"{name}{several} ({', '.join(where)}){' in full: without the ' if in_part else ': '}{what}")
+    return out
 
 
 def carried(form: str, effects: tuple[Effect, ...], robot: Robot) -> list[Carried]:

@@ -22,6 +22,7 @@ def function(source: Source) -> cs.Function:
 def render(source: Source, name: str, head: list[str]) -> Rendered:
     """The function (read it with ``casadi.Function.load``) and the head beside it: the format has no room for one."""
     lines = [*head, "", f'f = casadi.Function.load("{name}"); f(q, dq, ddq) gives tau, tau_std, tau_rigid_body [N m].']
+    lines.append(f"tau_std is the standard deviation of tau: {source.symbolic.deviation_words}.")
     with TemporaryDirectory() as folder:  # only CasADi's own writer makes what Function.load reads
         path = Path(folder) / "function.casadi"
         function(source).save(str(path))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import casadi as cs
 
 from hybrid_dynamics.export.source import Rendered, Source
@@ -11,8 +13,7 @@ _WORDS = {
     "rigid_body": "Rigid-body torque (..., n) [N m] of the robot before any effect: the tau_model of `residual`.",
     "residual": "What the drive must add (..., n) [N m] to ``tau_model``, the rigid-body torque before any effect.",
     "torque": "Drive torque (..., n) [N m] of the completed model.",
-    "torque_std": "Standard deviation (..., n) [N m] of `torque`: standard errors of the parameters, taken as\n"
-    "    independent of one another, and the error on held-out runs.",
+    "torque_std": "Standard deviation (..., n) [N m] of `torque`: {deviation}.",
     "advance": "The state after ``dt`` [s] at joint speeds ``dq``.",
 }
 
@@ -38,11 +39,12 @@ def render(source: Source, name: str, head: list[str]) -> Rendered:
         "",
     ]
     for function in functions:
-        lines += ["", *_definition(function), ""]
+        words = _WORDS[function.name()].format(deviation=model.deviation_words)
+        lines += ["", *_definition(function, words), ""]
     return Rendered({name: "\n".join(lines).encode()})
 
 
-def _definition(function: cs.Function) -> list[str]:
+def _definition(function: cs.Function, words: str) -> list[str]:
     names = [function.name_in(k) for k in range(function.n_in())]
     lines, _ = statements(function, NUMPY)
     shape = ", ".join(f"{name}[..., 0]" for name in names if name != "dt")
@@ -51,7 +53,7 @@ def _definition(function: cs.Function) -> list[str]:
     size = function.size1_out(0)
     return [
         f"def {function.name()}({', '.join(names)}):",
-        f'    """{_WORDS[function.name()]}"""',
+        textwrap.fill(f'    """{words}"""', 110, subsequent_indent="    "),
         *(f"    {line}" for line in convert),
         f"    out = np.empty((*np.broadcast({shape}).shape, {size}))",
         *(f"    {line}" for line in lines),

@@ -14,7 +14,7 @@ import numpy as np
 from hybrid_dynamics.effects import Effect, family
 from hybrid_dynamics.effects.together import together
 from hybrid_dynamics.effects.units import unit_of
-from hybrid_dynamics.export.carry import OF_THE_RECORDING, carried
+from hybrid_dynamics.export.carry import OF_THE_RECORDING, carried, losses
 from hybrid_dynamics.export.terms import Terms, terms
 from hybrid_dynamics.loop.model import Model, load_model, read_model
 from hybrid_dynamics.loop.uncertainty import Uncertainty, uncertain_parameters, uncertainty_from
@@ -86,8 +86,8 @@ class Source:
         return SymbolicModel(self.kept, self.uncertainty.residual, correlation)
 
     def losses(self, form: str) -> list[str]:
-        """One line for every effect that format ``form`` cannot carry, or only in part."""
-        return [c.loss for c in carried(form, self.effects, self.robot) if c.loss]
+        """One line for every kind of effect that format ``form`` cannot carry, or only in part."""
+        return losses(carried(form, self.effects, self.robot))
 
     def head(self, form: str) -> list[str]:
         """Lines for the head of the exported file: where it comes from, what is in it, what is not."""
@@ -99,9 +99,9 @@ class Source:
             lines.append(f"Joints held at zero: {', '.join(self.lock)}.")
         held = [f"  {name(effect)}: {values(effect, self.robot.prismatic)}" for effect in self.effects]
         lines += ["Effects of the completed model:", *(held or ["  none"])]
-        losses = self.losses(form)
-        if losses:
-            lines += ["This format cannot carry:", *(f"  {line}" for line in losses)]
+        lost = self.losses(form)
+        if lost:
+            lines += ["This format cannot carry:", *(f"  {line}" for line in lost)]
         else:
             lines.append("This format carries all of them.")
         if self.inactive:

@@ -121,6 +121,18 @@ class SymbolicModel:
         variance = cs.fmax(variance, 0.0) + cs.SX(self.left**2)
         return self._function("torque_std", self.inputs, cs.sqrt(variance))
 
+    @property
+    def deviation_words(self) -> str:
+        """What :attr:`deviation` is made of, for the text of the exported file."""
+        count = len(uncertain_parameters(self.model.effects))
+        parts = ["standard errors of the parameters"] if count else []
+        if count > 1:
+            known = self.correlation is not None
+            parts[0] += " with their correlations" if known else " (taken as independent of one another)"
+        if np.any(self.left):
+            parts.append("the error on held-out runs")
+        return " and ".join(parts) or "zero, because the model holds neither standard errors nor a held-out error"
+
     @cached_property
     def advance(self) -> cs.Function:
         """The state after ``dt`` [s] at speeds ``dq``: exact for a speed that is constant meanwhile."""

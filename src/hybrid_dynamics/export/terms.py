@@ -19,7 +19,7 @@ from hybrid_dynamics.robots import Robot
 
 Terms = dict[str, float]
 
-#: What each term is, in words that follow "carries no" or "carries".
+#: What each term is, in words that follow "without the".
 WORDS: dict[str, str] = {
     "inertia": "mass, centre of mass and inertia of links",
     "armature": "rotor inertia (armature)",
@@ -28,7 +28,7 @@ WORDS: dict[str, str] = {
     "quadratic_damping": "friction with the square of the speed",
     "cubic_damping": "friction with the cube of the speed",
     "dry_friction": "Coulomb friction",
-    "gradual_reversal": "how friction turns over at a reversal (over a speed or a displacement; taken as sharp)",
+    "gradual_reversal": "gradual turn-over of friction at a reversal (over a speed or a displacement)",
     "stribeck_rise": "rise of friction towards standstill",
     "offset": "constant torque",
     "stiffness": "spring that is linear in the joint's position",

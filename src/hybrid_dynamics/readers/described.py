@@ -22,7 +22,7 @@ from hybrid_dynamics.readers.clock import even_stamps, stamps_from_velocity
 from hybrid_dynamics.readers.delimited import STANDARD_INPUT, read_delimited
 from hybrid_dynamics.readers.description import SIGNALS, STACKED, LogDescription
 from hybrid_dynamics.readers.resample import ResampleSettings, uniform_step
-from hybrid_dynamics.readers.table import check_plausible, check_time, numbers_of
+from hybrid_dynamics.readers.table import check_plausible, check_time, numbers_of, too_few
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
 
@@ -64,9 +64,9 @@ def read_described(
             raise InputError(f"{path}: rows {first} to {last} asked for; it holds {lengths['q']} samples")
         columns = {signal: values[first - 1 : last] for signal, values in columns.items()}
     if len(columns["q"]) < settings.min_rows:
-        raise InputError(
-            f"{path}: {len(columns['q'])} rows; expected at least {settings.min_rows}: record a longer run"
-        )
+        count = np.arange(len(columns["q"]))
+        stamps = columns["time"] * description.unit("time") if "time" in columns else count / (description.rate or 1e3)
+        raise too_few(path, stamps, settings.min_rows)
     time = columns.pop("time") * description.unit("time") if "time" in columns else None
     arrays = {"tau" if s == "tau_commanded" else s: values for s, values in columns.items()}
     return converted(path, description, joint_names, name, split, time, arrays, settings, notify)

@@ -31,6 +31,9 @@ DEVIATIONS = 10.0
 #: ... and by this share of the signal's robust spread: torque; position and velocity, which cannot jump.
 SHARE = {"tau": 0.7, "dq": 0.3, "q": 0.02}
 EDGE_SHARE = 4.0
+#: Of that share the departure from what is interpolated between its neighbours must be this much: at the turning point
+#: of a motion that the log hardly resolves the running median is far away, but the neighbours know of it all the same.
+UNKNOWN = 0.25
 #: Samples to either side that tell how noisy the neighbourhood is.
 NEARBY = 25
 #: This many within ``NEARBY`` samples are a crowd.
@@ -74,7 +77,7 @@ def find_glitches(x: Array, dt: float, signal: str) -> Mask:
     if len(x) < 3 * WINDOW:
         return ~finite
     low, high = np.percentile(x, [5, 95], axis=0)
-    spread = (high - low) / 3.3
+    spread = _spread(x)
     ordinary = np.maximum(np.maximum(np.abs(low), np.abs(high)) + spread, 1e-3)
     steps = np.abs(np.diff(x, axis=0))
     resolution = np.array([np.min(s[s > 0], initial=np.inf) for s in steps.T])
@@ -109,6 +112,12 @@ def find_glitches(x: Array, dt: float, signal: str) -> Mask:
     return out | ~finite
 
 
+def _spread(x: Array) -> Array:
+    """Robust standard deviation (n,) of ``x`` (T, n)."""
+    low, high = np.percentile(x, [5, 95], axis=0)
+    return np.asarray((high - low) / 3.3)
+
+
 def _short(flagged: Mask, size: Array, dt: float, large: Array) -> Mask:
     """Flagged samples that do not stand together for longer than a glitch lasts."""
     out = np.zeros_like(flagged)
@@ -141,19 +150,29 @@ def repair(trajectory: Trajectory) -> tuple[Trajectory, list[Glitches]]:
         if not bad.any():
             continue
         out = x.copy()
-        for j in np.flatnonzero(bad.any(axis=0)):
-            rows, good = np.flatnonzero(bad[:, j]), ~bad[:, j]
-            if good.sum() < WINDOW:
+        least = UNKNOWN * SHARE[signal] * _spread(np.where(np.isfinite(x), x, 0.0))
+        for j in map(int, np.flatnonzero(bad.any(axis=0))):
+            rows = np.flatnonzero(bad[:, j])
+            if len(time) - len(rows) < WINDOW:
                 continue
-            if signal == "tau":
-                out[rows, j] = np.interp(time[rows], time[good], x[good, j])
-            else:
-                out[rows, j] = CubicSpline(time[good], x[good, j])(np.clip(time[rows], *time[good][[0, -1]]))
             with np.errstate(over="ignore", invalid="ignore"):
+                rows = rows[~(np.abs(x[rows, j] - _between(time, x[:, j], rows, signal)) < least[j])]
+                if not len(rows):
+                    continue
+                out[rows, j] = _between(time, x[:, j], rows, signal)
                 sizes = np.abs(x[rows, j] - out[rows, j])
-            found.append(Glitches(signal, int(j), rows, time[rows], sizes))
+            found.append(Glitches(signal, j, rows, time[rows], sizes))
         mended[signal] = out
-    return (trajectory.with_signals(**mended), found) if mended else (trajectory, found)
+    return (trajectory.with_signals(**mended), found) if found else (trajectory, found)
+
+
+def _between(time: Array, x: Array, rows: NDArray[np.intp], signal: str) -> Array:
+    """``x`` (T,) at ``rows`` as the other samples have it."""
+    good = np.ones(len(x), bool)
+    good[rows] = False
+    if signal == "tau":
+        return np.asarray(np.interp(time[rows], time[good], x[good]))
+    return np.asarray(CubicSpline(time[good], x[good])(np.clip(time[rows], *time[good][[0, -1]])))
 
 
 def told(found: Sequence[Glitches], joint_names: Sequence[str], samples: int) -> list[str]:

@@ -16,7 +16,7 @@ from hybrid_dynamics.readers.described import converted, read_described
 from hybrid_dynamics.readers.description import LogDescription, load_description
 from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import ResampleSettings, resample, uniform_step
-from hybrid_dynamics.readers.table import read_raw_table, write_log
+from hybrid_dynamics.readers.table import read_raw_table, too_few, write_log
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Notify
@@ -53,10 +53,7 @@ def read_raw(
     if file.is_dir() or file.suffix.lower() in BAG_SUFFIXES:
         trajectory = read_bag(file, joint_names, name, split, topic, notify, torque)
         if len(trajectory.time) < settings.min_rows:
-            raise InputError(
-                f"{file}: {len(trajectory.time)} joint states; expected at least {settings.min_rows}: "
-                "record a longer run"
-            )
+            raise too_few(file, trajectory.time, settings.min_rows, "joint states")
         return trajectory if log is None else _described_bag(file, trajectory, joint_names, log, settings, notify)
     if topic is not None:
         raise InputError(f"{file}: a table has no topics; leave out --topic {topic}, or give a bag")

@@ -25,6 +25,8 @@ from hybrid_dynamics.types import Array, Notify
 LAYOUT = "time,q1..qn[,dq1..dqn],tau1..taun"
 MAX_STEP = 0.5
 SUSPICIOUS_ANGLE = 30.0
+#: A log of few samples is too slow rather than too short below this rate [Hz].
+SLOW = 10.0
 
 
 def read_raw_table(
@@ -47,10 +49,12 @@ def read_raw_table(
     name = name if name is not None else file.stem
     table, first_row = _load(file)
     signals = _signals(table, file, joint_names, torque)
-    if table.num_rows < settings.min_rows:
-        raise InputError(f"{file}: {table.num_rows} rows; expected at least {settings.min_rows}: record a longer run")
+    if table.num_rows < min(settings.min_rows, 2):
+        raise too_few(file, np.empty(0), settings.min_rows)
     time = _column(table, "time", file, first_row)
     check_time(time, file, first_row)
+    if len(time) < settings.min_rows:
+        raise too_few(file, time, settings.min_rows)
     numbers = range(1, len(joint_names) + 1)
     arrays = {
         signal: np.column_stack([_column(table, f"{signal}{j}", file, first_row) for j in numbers])
@@ -72,6 +76,18 @@ def write_log(path: str | os.PathLike[str], trajectory: Trajectory, joint_names:
             fields.append(pa.field(f"{signal}{j + 1}", pa.float64(), metadata=metadata))
     with atomic_path(path) as temporary:
         pq.write_table(pa.Table.from_arrays(columns, schema=pa.schema(fields)), temporary, compression="zstd")
+
+
+def too_few(path: str | os.PathLike[str], time: Array, least: int, what: str = "rows") -> InputError:
+    """The complaint about a log of fewer than ``least`` samples at ``time`` [s]: it is too slow, or too short."""
+    count = len(time)
+    span = float(time[-1] - time[0]) if count > 1 else 0.0
+    if np.isfinite(span) and span > 0 and (count - 1) / span < SLOW:
+        return InputError(
+            f"{path}: {count} {what} in {span:.3g} s ({(count - 1) / span:.3g} Hz); expected at least {least}: log at "
+            "a higher rate, better 100 Hz or more"
+        )
+    return InputError(f"{path}: {count} {what}; expected at least {least}: record a longer run")
 
 
 def check_plausible(
@@ -182,9 +198,17 @@ def _signals(table: pa.Table, file: Path, joint_names: Sequence[str], torque: bo
     for signal in signals:
         numbers = sorted(int(name[len(signal) :]) for name in names if re.fullmatch(rf"{signal}\d+", name))
         if numbers == list(range(1, len(numbers) + 1)) and len(numbers) not in (0, n):
+            first = len(numbers) + 1
+            fault = (
+                f"{len(numbers)} columns of {signal} ({signal}1 to {signal}{len(numbers)})"
+                if first > n
+                else f"column '{signal}{n}' is missing"
+                if first == n
+                else f"columns '{signal}{first}' to '{signal}{n}' are missing"
+            )
             raise InputError(
-                f"{file}: {len(numbers)} joints ({signal}1 to {signal}{len(numbers)}); the robot has {n} "
-                f"({', '.join(joint_names)}): expected {signal}1 to {signal}{n} in the URDF's order"
+                f"{file}: {fault}; the robot has {n} joint{'s' * (n > 1)} ({', '.join(joint_names)}): expected "
+                f"{signal}1 to {signal}{n} in the URDF's order"
             )
         for j in range(1, n + 1):
             if j not in numbers:

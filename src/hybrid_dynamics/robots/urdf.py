@@ -177,7 +177,7 @@ def find_description(relative: str) -> Path:
     except importlib.metadata.PackageNotFoundError:
         raise MissingDependencyError(
             f"the description {relative!r} is in the package example-robot-data, which is not installed; run: pip "
-            "install 'hybrid-dynamics[study]', or give the path of a URDF of your own"
+            "install '.[study]' in a clone of the project, or give the path of a URDF of your own"
         ) from None
     for entry in files:
         if str(entry).endswith(relative):
