@@ -34,9 +34,12 @@ def named(result: LoopResult) -> dict[str, Effect]:
     return {e.effect.effect: e.effect for e in result.diagnosis.effects}
 
 
-def judged(effects: Sequence[Effect]) -> tuple[Judge, list[Term]]:
+def judged(effects: Sequence[Effect], noise: float = 0.003, seed: int = 0) -> tuple[Judge, list[Term]]:
+    """Evidence of two runs, torque noise as a share of the effort limits, and what may be named."""
     settings = LoopSettings()
-    train, test = excitations(ROBOT, effects, train=2, test=1, duration=8.0, rate=250.0)
+    train, test = excitations(
+        ROBOT, effects, train=2, test=1, duration=8.0, rate=250.0, torque_noise_share=noise, seed=seed
+    )
     judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, train, test, settings), settings)
     return judge, terms
 
@@ -67,6 +70,21 @@ def test_a_viscous_friction_that_bends_stays_one() -> None:
     own = [t for t in terms if t.joint == 1 and t.family().viscous_powers]
     assert len(own) == 2
     assert set(slow_sign.slow_signs(judge, own)[1]) == set(own)
+
+
+@pytest.mark.parametrize(("noise", "step"), [(0.015, True), (0.003, False)])
+def test_a_curve_of_three_numbers_is_a_step_where_noise_hides_the_difference(noise: float, step: bool) -> None:
+    """Two numbers that do as well are the simpler law, also where chance has the third a little better."""
+    speed = np.linspace(0.0, 2.0, 50)
+    powers = np.stack([speed, speed**2, speed**3], axis=1)
+    c1, c2, c3 = np.linalg.lstsq(powers, 2.0 * np.tanh(speed / 0.8), rcond=None)[0]
+    curve = {"quadratic_coefficient": float(c2), "cubic_coefficient": float(c3)}
+    viscous = Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": float(c1)})
+    judge, terms = judged([viscous, Effect("nonlinear_viscous_friction", (ELBOW,), curve)], noise, seed=2)
+    own = [t for t in terms if t.joint == 1 and t.family().viscous_powers]
+    found = slow_sign.slow_signs(judge, own)[1]
+    assert ([t.effect for t in found] == ["coulomb_friction"]) == step
+    assert step or set(found) == set(own)
 
 
 def test_a_sharp_sign_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,8 @@ def slow_signs(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]
     """``chosen`` with a smooth step in the place of what stands for one, joint by joint, where it predicts better; and
     the judge there.
 
-    The step costs two numbers, its width being one; it comes in only where the whole model costs no more with it.
+    The step costs two numbers, its width being one; it comes in only where the whole model costs no more with it, and
+    where it costs less if it predicts as well.
     """
     out = list(chosen)
     widest = max(judge.settings.sign_widths)
@@ -43,11 +44,16 @@ def slow_signs(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]
         trial = _simplest(judge.adding([term for trial in trials for term in trial]), trials)
         # What was tried and not taken leaves nothing behind: its sign would be a choice later on.
         offered = judge.adding(trial)
-        held = offered.evidence.held
-        if trial and held(trial, physical=True).score < held(out, physical=True).score:
+        if trial and _serves(offered, trial, out, room):
             there = take(offered, out, trial)
             judge, out = (judge, out) if there is None else (there, trial)
     return judge.at(out), out
+
+
+def _serves(judge: Judge, trial: Sequence[Term], out: Sequence[Term], room: float) -> bool:
+    """True where ``trial`` predicts held-out rows better than ``out``, or costs less than ``room`` and does as well."""
+    new, old = (judge.evidence.held(terms, physical=True) for terms in (trial, out))
+    return new.score < old.score or (judge.price(*trial) < room and judge.as_good(new, old) and judge.spares(new, old))
 
 
 def _simplest(judge: Judge, trials: Sequence[list[Term]]) -> list[Term]:
