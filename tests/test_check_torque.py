@@ -249,7 +249,7 @@ def test_a_joint_that_a_coupling_explains_is_not_refused_whose_neighbour_is_righ
     best = replace(told, scores=(-4.0,) * 4 + (-3.0, -3.0), price=1.4)
     best = replace(best, source=order) if moved else replace(best, swap=(4, 5))
 
-    def said(run: Trajectory, told: Guess = told) -> list[tuple[str, str]]:
+    def said(run: Trajectory, told: Guess = told, best: Guess = best) -> list[tuple[str, str]]:
         found = places(ur10.joint_names, told, best, columns_of(ur10, stretches([run])))
         return [(f.severity, f.joint) for f in found]
 
@@ -260,6 +260,9 @@ def test_a_joint_that_a_coupling_explains_is_not_refused_whose_neighbour_is_righ
     names = ("q", "dq") if not moved else ("tau",)
     exchanged = exchanged.with_signals(**{n: exchanged[n][:, list(order)] for n in names if n in exchanged})
     assert said(exchanged) == [("hard", second)]
+    # What explains half of it is no exchange for sure, either.
+    half = replace(best, scores=(-4.0,) * 4 + (-0.8, -3.0))
+    assert said(exchanged, replace(told, scores=(-4.0,) * 4 + (-0.1, -0.1)), half) == [("warning", second)]
 
 
 def test_what_no_run_explains_accuses_no_single_run():

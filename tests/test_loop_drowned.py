@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from tests.small_arm import arm, noisy_log
 
@@ -11,12 +12,13 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.cheaper import cheaper
-from hybrid_dynamics.loop.find import find
+from hybrid_dynamics.loop.find import beside_loud, find
 from hybrid_dynamics.loop.further import EXCESS, further_candidates
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.widen import narrowed
+from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
@@ -52,6 +54,31 @@ def test_friction_that_a_ripple_had_drowned_is_named_beside_it(seed: int) -> Non
     # Control: without it there is the ripple alone.
     found = find(*judged(ripple(4.0, 30.0), seed=seed), silent)
     assert [t.effect for t in found.terms] == ["torque_ripple"]
+
+
+@pytest.mark.parametrize("unnamed", [6.0, 0.0])
+def test_a_law_without_a_name_does_not_outweigh_what_other_joints_lack(unnamed: float) -> None:
+    """Joints count by what is left of them once the search has ended, and what is too small to matter stays so."""
+    friction = Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 0.5})
+
+    def log(seed: int, split: str) -> Trajectory:
+        run = noisy_log([friction] if unnamed else [], seed, split, NOISE)
+        tau = run["tau"].copy()
+        tau[:, 1] += unnamed * np.sin(2.3 * run["q"][:, 0] + 1.7 * run["q"][:, 1])
+        return run.with_signals(tau=tau)
+
+    logs = read_motion(ROBOT, [log(1, "train"), log(2, "train")], [log(51, "test")], LoopSettings())
+    judge, terms, _ = gather(Model(ROBOT), logs, LoopSettings())
+    left = np.sqrt(judge.mean_square(judge.evidence.held([])))
+    there, found, steps = beside_loud(judge, [], terms, silent)
+    if unnamed:
+        assert left[1] > 3 * judge.floor[1]
+        assert [(t.effect, t.joint) for t in found] == [("coulomb_friction", 0)]
+        np.testing.assert_allclose(there.evidence.weights * np.maximum(left, judge.floor) ** 2, 1.0, rtol=1e-9)
+        np.testing.assert_array_equal(there.floor, judge.floor)
+    else:
+        # Control: where no joint is louder than another nothing is asked twice.
+        assert (there, found, steps) == (judge, [], [])
 
 
 def test_a_ripple_is_proposed_where_all_of_it_passes_for_noise() -> None:

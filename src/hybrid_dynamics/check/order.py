@@ -7,15 +7,17 @@ from collections.abc import Sequence
 from hybrid_dynamics.check.columns import Columns
 from hybrid_dynamics.check.cures import exchanged, reordered
 from hybrid_dynamics.check.findings import Finding, Severity
-from hybrid_dynamics.check.guess import CHANGED, EXPLAINED, SETTLED, Guess, is_certain, left_of, shares_of
+from hybrid_dynamics.check.guess import CHANGED, EXPLAINED, SETTLED, UNEXPLAINED, Guess, is_certain, left_of, shares_of
 from hybrid_dynamics.check.pulled import coupling_leaves
 
 
 def places(names: Sequence[str], told: Guess, best: Guess, columns: Columns) -> list[Finding]:
     """Columns that belong to other joints."""
-    severity: Severity = "hard" if is_certain(told, best) else "warning"
     moved = [j for j, k in enumerate(best.source) if j != k]
     pair = best.swap if best.swap is not None else tuple(moved)
+    # Another order that leaves much itself may be no more than nearer to a law that joints share.
+    explained = all(left_of(best.scores[j]) < UNEXPLAINED for j in pair)
+    severity: Severity = "hard" if explained and is_certain(told, best) else "warning"
     if len(pair) == 2 and _coupled(told, best, columns, pair):
         one, other = (names[j] for j in pair)
         text = (

@@ -36,6 +36,8 @@ from hybrid_dynamics.types import Array
 
 #: Floors that turn out lower by this factor ask for another look, so often at most.
 MUCH, MOST_WEIGHINGS = 1.3, 2
+#: A joint outweighs the others where it leaves so many times as many of its floors as another.
+LOUD = 2.0
 #: So often at most others are asked after something has been let go of.
 MOST_RETURNS = 2
 
@@ -119,6 +121,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     steps += further
     # Another form of what has been looked for already is new, too.
     candidates += offered
+    judge, chosen, further = beside_loud(judge, chosen, candidates, report)
+    steps += further
     looked = len({s.place for s in candidates})
     judge, chosen = _in_simplest_form(judge, chosen, candidates)
     held = judge.evidence.held(chosen, physical=True)
@@ -318,6 +322,25 @@ def _with_the_rest(
             break
         judge = _weighed(judge, lower)
     return judge, chosen, asked[len(candidates) :], steps
+
+
+def beside_loud(
+    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], report: Callable[[Step], None]
+) -> tuple[Judge, list[Term], list[Step]]:
+    """``chosen`` searched on with every joint weighed by what is left of it, the judge who does so, and the steps.
+
+    A joint whose law has no name outweighs the others by the square of what it leaves in floors, and what happens to
+    it by chance drowns a cause of theirs.
+    """
+    left = np.sqrt(judge.mean_square(judge.evidence.held(chosen, physical=True)))
+    weighed = np.maximum(judge.floor, left)
+    seen = judge.floor > 0
+    if not seen.any() or np.ptp(np.log(weighed[seen] / judge.floor[seen])) < np.log(LOUD):
+        return judge, list(chosen), []
+    quiet = replace(judge, evidence=judge.evidence.weigh(weighed))
+    there, found, steps = _refined(quiet, chosen, candidates, report)
+    quiet, found = choose([(there, found), (quiet, list(chosen))])
+    return quiet, found, steps
 
 
 def _weighed(judge: Judge, floor: Array) -> Judge:
