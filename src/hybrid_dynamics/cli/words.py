@@ -16,6 +16,7 @@ from hybrid_dynamics.loop_report.words import (
     described,
     effort_unit,
     final_errors,
+    learned,
     left_open,
     other_notes,
     share,
@@ -23,6 +24,7 @@ from hybrid_dynamics.loop_report.words import (
     state_of,
     title_of,
     value_of,
+    verdict_words,
 )
 
 Entry = Mapping[str, Any]
@@ -34,12 +36,7 @@ TOLD_ALREADY = ("contradicted by the test runs", "what is left changes slowly", 
 
 def verdict_line(diagnosis: Mapping[str, Any]) -> str:
     """``panda: explained: what the model lacked has been found ...``."""
-    verdict = diagnosis["verdict"]
-    meaning, short = VERDICTS[verdict], verdict.replace("_", " ")
-    if verdict == "nothing_missing":
-        # The sentence begins with the verdict.
-        meaning = meaning.partition(": ")[2]
-        short = "nothing has changed" if asked(diagnosis) else short
+    meaning, short = VERDICTS[diagnosis["verdict"]], verdict_words(diagnosis)
     return f"{diagnosis['robot']}: {short}: {meaning[:1].lower()}{meaning[1:].rstrip('.')}"
 
 
@@ -122,7 +119,7 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
             out.append(f"not down to noise: {joint}: the test runs leave more than the training runs{looks}")
             continue
         out.append(
-            f"not down to noise: {joint}: {100 * entry['share_of_residual_variance']:.2g} % of the mean square that is "
+            f"not down to noise: {joint}: {100 * learned(diagnosis, entry):.2g} % of the mean square that is "
             f"left (rms {final[joints.index(joint)]:.3g} {unit}) depends on the motion{looks}"
         )
     out += [

@@ -91,6 +91,7 @@ class Answer(LoopSection):
         d = self.diagnosis
         return {
             "verdict": d["verdict"],
+            "says": words.verdict_words(d),
             "headline": words.VERDICTS[d["verdict"]],
             "what": what(d),
             "missing": [_unbroken(line) for line in missing(d, _sizes(self.content), self.content.described)],

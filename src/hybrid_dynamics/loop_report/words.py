@@ -14,7 +14,7 @@ VERDICTS = {
     "explained": "What the model lacked has been found and added; what is left does not depend on the motion.",
     "partly_explained": "Part of what the model lacks has been found and added; something remains.",
     "unexplained": "Something is missing that no effect of the catalogue explains; nothing was added.",
-    "nothing_missing": "Nothing is missing: what the model leaves does not depend on the motion.",
+    "nothing_missing": "What the model leaves does not depend on the motion.",
 }
 #: What is left on a joint whose alarm is on, and on one that leaves it open.
 ALARM, SLOW = "still depends on the motion", "cannot be told from slow noise"
@@ -344,6 +344,12 @@ def still_open(d: Diagnosis) -> list[str]:
     if not out:
         out.append("Nothing that these runs show: what is left on every joint does not depend on the motion.")
     return out
+
+
+def verdict_words(d: Diagnosis) -> str:
+    """The verdict in words: of a model that is asked again, nothing missing is nothing changed."""
+    unchanged = d["verdict"] == "nothing_missing" and asked(d)
+    return "nothing has changed" if unchanged else str(d["verdict"]).replace("_", " ")
 
 
 def learned(d: Diagnosis, entry: Mapping[str, Any]) -> float:
