@@ -30,8 +30,9 @@ from hybrid_dynamics.types import Array
 
 #: Beside a gain of all joints, links may change by no more than about this multiple of the starting model's torque.
 MULTIPLE = 1e-3
-#: Weight of a surface that coordinates must lie on, against the data.
-STIFF = 1e4
+#: Weight of a surface that coordinates must lie on, against the data. Along it they stay where they were, too, in
+#: directions that the data hardly determines: a plane is met by a way far along it, where the surface has bent off.
+STIFF, HELD_ALONG = 1e4, 1e-6
 #: A combination of terms, and whether bodies and friction are held physical.
 _Asked = tuple[frozenset[Term], bool]
 
@@ -307,9 +308,10 @@ class Evidence:
             for term, start in layout.on_surfaces:
                 own = slice(start, start + term.size)
                 normal, value = term.family().surface(x[own], self.robot, term)
-                weight = STIFF * float(np.diag(a)[own].max())
-                stiff[own, own] += weight * np.outer(normal, normal)
-                target[own] += weight * value * normal
+                size, across = float(np.diag(a)[own].max()), np.outer(normal, normal)
+                along = np.eye(len(normal)) - across
+                stiff[own, own] += size * (STIFF * across + HELD_ALONG * along)
+                target[own] += size * (STIFF * value * normal + HELD_ALONG * along @ x[own])
             # Where the tangent plane lies bodies hardly matter.
             full = physical and last
             x = solve(stiff, target, constraints) if full else solve_bounded(stiff, target, constraints.lower)

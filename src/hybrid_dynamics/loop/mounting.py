@@ -23,6 +23,9 @@ from hybrid_dynamics.types import Array
 #: A base that turned out to be tilted by more than this [rad] is searched once more from there: links that are off are
 #: then seen wrongly by a tenth.
 MUCH = 0.1
+#: What the logs show beforehand, as if links weighed what they should, is a first guess: it is searched once more from
+#: where the search has left the base, unless that is as near [rad] as no pose tells.
+NEAR = 1e-3
 
 
 def as_mounted(start: Model, gravity: Array, settings: LoopSettings) -> Model:
@@ -40,7 +43,8 @@ def as_found(start: Model, searched: Model, found: Sequence[Effect]) -> Model | 
     """``start`` with its base turned as the ``found`` effects have it, where that is far from ``searched``, from which
     the search began; else None."""
     gravity = _gravity(start.adding(found))
-    return _with(start, mounted(gravity)) if angle(gravity, _gravity(searched)) > MUCH else None
+    limit = MUCH if searched is start else NEAR
+    return _with(start, mounted(gravity)) if angle(gravity, _gravity(searched)) > limit else None
 
 
 def turned_by(start: Model, searched: Model) -> list[Term]:
