@@ -87,3 +87,23 @@ def test_friction_that_would_drive_is_no_spring(panda):
     parts = stretches([run.with_signals(tau=-run["tau"])])
     q = np.concatenate([p.q for p in parts])
     assert spring_leaves(columns_of(panda, parts), q[:, 5], standing(panda), 5) == 1.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_tool_on_the_other_side_of_a_wrist_is_never_refused(panda, seed):
+    """About as heavy as the flange twice over: its weight turns the torque of the last joints round."""
+    own = panda.model.inertias[panda.joint_ids[-1]]
+    side = dict(zip(("com_x", "com_y", "com_z"), (-1.5 * np.asarray(own.lever)).tolist(), strict=True))
+    block = {f"inertia_{e}": 0.004 * (e[0] == e[1]) for e in ("xx", "xy", "yy", "xz", "yz", "zz")}
+    tool = Effect("link_inertia", (JOINTS[-1],), {"mass": 3.0 * own.mass, **side, **block})
+    run = excitation(panda, [tool], duration=12.0, rate=100.0, seed=seed)
+    assert _hard(panda, run) == []
+
+
+@pytest.mark.parametrize("torque", [False, True])
+@pytest.mark.parametrize("joint", range(6))
+def test_no_body_excuses_a_joint_that_is_counted_the_other_way(panda, joint, torque):
+    run = excitation(panda, _friction(0.3), duration=12.0, rate=100.0, seed=1)
+    turn = np.where(np.arange(7) == joint, -1.0, 1.0)
+    signals = {"q": run["q"] * turn, **({"tau": run["tau"] * turn} if torque else {})}
+    assert _hard(panda, run.with_signals(**signals)) == ["position_sign"]

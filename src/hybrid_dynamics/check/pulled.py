@@ -1,8 +1,9 @@
-"""Does a spring explain what looks like a sign turned round, or a coupling what looks like columns exchanged?
+"""Does a spring or a body explain what looks like a sign turned round, or a coupling what looks like columns exchanged?
 
 A strong spring on a joint, a counterbalance say, pulls against gravity: torque or position turned round then leave
 little, and the log is right as it is. Friction tells: of a torque that is turned round it would drive the joint. Where
 a gear lets the torque of one joint follow the motion of another, as in many wrists, the first seems to be the other's.
+A tool on the other side of a light wrist turns the wrist's torque round; no link turns that of a shoulder round.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from hybrid_dynamics.check.columns import Columns
+from hybrid_dynamics.effects.inertia import body_scale, link_parameters
+from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
 #: Powers of the position that a spring's torque is made of.
@@ -19,6 +22,9 @@ POWERS = (1, 2, 3)
 SPEAKS = 0.01
 #: Between these multiples of its description a coupled joint's own rigid-body torque must be.
 AS_DESCRIBED = (0.5, 2.0)
+#: Plausible changes (half a link's mass, shifted by its own size) within which links may weigh otherwise, and the rows
+#: that are asked, about.
+OTHERWISE, ROWS = 3.0, 2000
 
 
 def coupling_leaves(columns: Columns, gravity: Array, j: int, k: int) -> float:
@@ -70,6 +76,31 @@ def spring_leaves(
     if drives and float(friction @ friction) > SPEAKS * power:
         return 1.0
     return left / power
+
+
+def body_leaves(robot: Robot, q: Array, columns: Columns, gravity: Array, j: int) -> float:
+    """Share of the mean square of the torque of joint ``j`` that is left where one of the links that it carries weighs
+    otherwise than ``robot`` says, within :data:`OTHERWISE` of what is plausible; positions ``q`` (K, n) [rad].
+
+    One link alone: many that are off together could be an arm turned round.
+    """
+    rows = slice(None, None, max(len(q) // ROWS, 1))
+    standing = robot.copy()
+    standing.model.gravity.linear = gravity
+    rigid = columns.motion[rows, j] + columns.gravity[rows, j] @ gravity
+    torque = columns.tau[rows, j] - rigid
+    power = float(np.var(columns.tau[rows, j])) * len(torque)
+    if power <= 0:
+        return 1.0
+    torque -= torque.mean()
+    regressor = standing.regressor(q[rows], columns.dq[rows], columns.ddq[rows])[:, j]
+    least = np.inf
+    for k in range(j, robot.n_joints):
+        most = OTHERWISE * body_scale(link_parameters(robot, k))
+        table = np.column_stack([columns.free(j)[rows, :3], regressor[:, 10 * k : 10 * k + 10]])
+        low, high = np.concatenate([np.zeros(3), -most]), np.concatenate([np.full(3, np.inf), most])
+        least = min(least, _bounded(table, torque, low, high)[2])
+    return least / power
 
 
 def _bounded(table: Array, torque: Array, low: Array, high: Array) -> tuple[Array, Array, float]:

@@ -27,7 +27,7 @@ from hybrid_dynamics.check.guess import (
     shares_of,
 )
 from hybrid_dynamics.check.order import places
-from hybrid_dynamics.check.pulled import spring_leaves
+from hybrid_dynamics.check.pulled import body_leaves, spring_leaves
 from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch, stretches
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -79,7 +79,7 @@ def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding
     names = robot.joint_names
     q = np.concatenate([p.q for p in parts])
     findings = [
-        *_signs(names, told, best, columns, forms, q),
+        *_signs(robot, told, best, columns, forms, q),
         *places(names, told, best, columns),
         *_clock(told, best),
     ]
@@ -130,8 +130,9 @@ def _changed(told: Guess, best: Guess) -> list[int]:
     return [j for j, (a, b) in enumerate(zip(told.scores, best.scores, strict=True)) if abs(a - b) > CHANGED]
 
 
-def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, forms: Forms, q: Array) -> list[Finding]:
+def _signs(robot: Robot, told: Guess, best: Guess, columns: Columns, forms: Forms, q: Array) -> list[Finding]:
     """Torque columns, or positions ``q`` (K, n) [rad], whose sign is wrong."""
+    names = robot.joint_names
     if best.swap is not None:
         return []
     if best.mirror is not None:
@@ -145,10 +146,14 @@ def _signs(names: Sequence[str], told: Guess, best: Guess, columns: Columns, for
             f"{what} the wrong sign ({shares_of(told, best, moved)}): the log counts it against the joint's axis in "
             f"the URDF; set the sign of {'q and tau' if both else 'q'} to -1, or turn the axis in the URDF"
         )
-        if pulled:
-            text = f"it looks as if {text}; a spring at this joint that pulls the other way would look the same"
-        severity: Severity = "hard" if is_certain(told, best) and not pulled else "warning"
-        return [Finding("position_sign", severity, text, joint=names[j], suggestion={} if pulled else cure)]
+        heavy = not pulled and body_leaves(robot, q, columns, told.gravity, j) <= max(left_of(best.scores[j]), SETTLED)
+        if pulled or heavy:
+            what = "a spring" if pulled else "a tool or a link with its centre of mass elsewhere"
+            text = f"it looks as if {text}; {what} at this joint that pulls the other way would look the same"
+        severity: Severity = "hard" if is_certain(told, best) and not (pulled or heavy) else "warning"
+        # What is not certain is no clear cure: nothing is turned round unasked.
+        suggestion = {} if pulled or heavy else cure
+        return [Finding("position_sign", severity, text, joint=names[j], suggestion=suggestion)]
     flipped = [j for j, s in enumerate(best.sign) if s < 0]
     if len(flipped) > 1 and len(flipped) == len(names):
         return [
