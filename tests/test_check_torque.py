@@ -7,10 +7,11 @@ import pytest
 
 from hybrid_dynamics.check import checked
 from hybrid_dynamics.check.columns import columns_of, standing
+from hybrid_dynamics.check.forms import Forms
 from hybrid_dynamics.check.guess import Guess
 from hybrid_dynamics.check.order import places
 from hybrid_dynamics.check.samples import stretches
-from hybrid_dynamics.check.torque import check_torque, outvoted
+from hybrid_dynamics.check.torque import _signs, check_torque, outvoted
 from hybrid_dynamics.effects import Effect, predict
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot, find_description
@@ -263,6 +264,19 @@ def test_a_joint_that_a_coupling_explains_is_not_refused_whose_neighbour_is_righ
     # What explains half of it is no exchange for sure, either.
     half = replace(best, scores=(-4.0,) * 4 + (-0.8, -3.0))
     assert said(exchanged, replace(told, scores=(-4.0,) * 4 + (-0.1, -0.1)), half) == [("warning", second)]
+
+
+@pytest.mark.parametrize(("left", "severity"), [(0.42, "warning"), (0.05, "hard")])
+def test_a_turned_position_that_leaves_much_itself_is_no_refusal(left, severity):
+    ur10 = Robot.from_urdf(find_description("ur_description/urdf/ur10_joint_limited_robot.urdf"))
+    run = excitation(ur10, [], duration=8.0, rate=200.0)
+    turned_run = run.with_signals(q=run["q"] * [1, 1, 1, -1, 1, 1])
+    parts = stretches([turned_run])
+    columns = columns_of(ur10, parts)
+    told = Guess(standing(ur10), (1,) * 6, tuple(range(6)), None, None, 1.0, (-4.0,) * 3 + (-0.03, -4.0, -4.0), 0.0)
+    best = replace(told, mirror=3, scores=(-4.0,) * 3 + (float(np.log(left)), -4.0, -4.0), price=0.3)
+    found = _signs(ur10, told, best, columns, Forms(columns), np.concatenate([p.q for p in parts]))
+    assert [(f.severity, f.code, f.joint) for f in found] == [(severity, "position_sign", ur10.joint_names[3])]
 
 
 def test_what_no_run_explains_accuses_no_single_run():

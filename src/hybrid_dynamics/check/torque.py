@@ -19,6 +19,7 @@ from hybrid_dynamics.check.guess import (
     EXPLAINED,
     SAME_MOUNTING,
     SETTLED,
+    UNEXPLAINED,
     Guess,
     angle,
     best_guess,
@@ -146,7 +147,11 @@ def _signs(robot: Robot, told: Guess, best: Guess, columns: Columns, forms: Form
             f"{what} the wrong sign ({shares_of(told, best, moved)}): the log counts it against the joint's axis in "
             f"the URDF; set the sign of {'q and tau' if both else 'q'} to -1, or turn the axis in the URDF"
         )
-        heavy = not pulled and body_leaves(robot, q, columns, told.gravity, j) <= max(left_of(best.scores[j]), SETTLED)
+        after = left_of(best.scores[j])
+        # Where much is left either way the sign is no more than nearer to what is missing.
+        heavy = not pulled and (
+            after >= UNEXPLAINED or body_leaves(robot, q, columns, told.gravity, j) <= max(after, SETTLED)
+        )
         if pulled or heavy:
             what = "a spring" if pulled else "a tool or a link with its centre of mass elsewhere"
             text = f"it looks as if {text}; {what} at this joint that pulls the other way would look the same"
