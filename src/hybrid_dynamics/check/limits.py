@@ -46,20 +46,20 @@ def check_limits(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
     low, high = robot.position_limits
     speed, effort = robot.velocity_limits, robot.effort_limits
     angles, speeds, torques = [], [], []
-    times = []  # its limit
+    of_limit = []  # fastest speeds, in multiples of what the URDF allows
     length, effort_unit = ("rad or m", "N m or N") if robot.prismatic else ("rad", "N m")
     for j, name in enumerate(robot.joint_names):
         q = np.concatenate([run["q"][:, j] for run in runs])
         if high[j] > low[j] and (q.min() < low[j] - ANGLE_MARGIN or q.max() > high[j] + ANGLE_MARGIN):
             angles.append(f"{name} {q.min():.3g} to {q.max():.3g} (limits {low[j]:.3g} to {high[j]:.3g})")
         fastest = max(float(np.percentile(np.abs(np.gradient(run["q"][:, j], run.dt)), 99.5)) for run in runs)
-        times += [fastest / speed[j]] if speed[j] > 0 and fastest > 0 else []
+        of_limit += [fastest / speed[j]] if speed[j] > 0 and fastest > 0 else []
         if 0 < speed[j] * SPEED_MARGIN < fastest:
             speeds.append(f"{name} {fastest:.3g} (limit {speed[j]:.3g})")
         largest = max((float(np.abs(run["tau"][:, j]).max()) for run in runs if "tau" in run), default=0.0)
         if 0 < effort[j] * EFFORT_MARGIN < largest:
             torques.append(f"{name} {largest:.3g} (limit {effort[j]:.3g})")
-    clock = "are the time stamps in seconds?" if min(times, default=0.0) > CLOCK else ""
+    clock = "are the time stamps in seconds?" if min(of_limit, default=0.0) > CLOCK else ""
     return [
         Finding(code, "warning", f"{what} beyond the URDF's limits: {', '.join(found)}; {question}".removesuffix("; "))
         for code, what, found, question in (

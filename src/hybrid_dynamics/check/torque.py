@@ -152,13 +152,13 @@ def _signs(robot: Robot, told: Guess, best: Guess, columns: Columns, forms: Form
         heavy = not pulled and (
             after >= UNEXPLAINED or body_leaves(robot, q, columns, told.gravity, j) <= max(after, SETTLED)
         )
-        if pulled or heavy:
+        doubtful = pulled or heavy
+        if doubtful:
             what = "a spring" if pulled else "a tool or a link with its centre of mass elsewhere"
             text = f"it looks as if {text}; {what} at this joint that pulls the other way would look the same"
-        severity: Severity = "hard" if is_certain(told, best) and not (pulled or heavy) else "warning"
+        severity: Severity = "hard" if is_certain(told, best) and not doubtful else "warning"
         # What is not certain is no clear cure: nothing is turned round unasked.
-        suggestion = {} if pulled or heavy else cure
-        return [Finding("position_sign", severity, text, joint=names[j], suggestion=suggestion)]
+        return [Finding("position_sign", severity, text, joint=names[j], suggestion={} if doubtful else cure)]
     flipped = [j for j, s in enumerate(best.sign) if s < 0]
     if len(flipped) > 1 and len(flipped) == len(names):
         return [

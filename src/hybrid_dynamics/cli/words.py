@@ -47,7 +47,7 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
     error = _error_change(diagnosis)
     if verdict == "nothing_missing":
         lead = "nothing has changed" if asked(diagnosis) else "nothing is missing"
-        return f"{lead}; held-out error {_percent(final_errors(diagnosis)['relative_error'])}"
+        return f"{lead}; {_error_kept(diagnosis)}"
     if not named:
         return f"something is missing, but nothing known explains it; {error}"
     # Asked of an earlier model, what is found is what has changed since: friction may have become less.
@@ -57,8 +57,7 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
 
 def second_line(diagnosis: Mapping[str, Any]) -> str:
     """The headline behind :func:`verdict_line`, without what that has said already."""
-    line = headline(diagnosis)
-    return line.partition("; ")[2] if diagnosis["verdict"] == "nothing_missing" else line
+    return _error_kept(diagnosis) if diagnosis["verdict"] == "nothing_missing" else headline(diagnosis)
 
 
 def effect_phrases(effects: Sequence[Entry]) -> list[str]:
@@ -234,3 +233,8 @@ def _percent(value: float | None) -> str:
 def _error_change(diagnosis: Mapping[str, Any]) -> str:
     before = diagnosis["error"]["test"]["before"]["relative_error"]
     return f"held-out error {_percent(before)} → {_percent(final_errors(diagnosis)['relative_error'])}"
+
+
+def _error_kept(diagnosis: Mapping[str, Any]) -> str:
+    """The held-out error where nothing was added."""
+    return f"held-out error {_percent(final_errors(diagnosis)['relative_error'])}"
