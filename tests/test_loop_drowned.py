@@ -14,10 +14,10 @@ from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.find import beside_loud, find
 from hybrid_dynamics.loop.further import EXCESS, further_candidates
+from hybrid_dynamics.loop.narrow import narrowed
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.trace import Judge
-from hybrid_dynamics.loop.widen import narrowed
 from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = arm()

@@ -13,11 +13,12 @@ from hybrid_dynamics.effects.sign import AT_REST
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.alternatives import _several_for_one
 from hybrid_dynamics.loop.complete import complete
-from hybrid_dynamics.loop.further import merge_forms
+from hybrid_dynamics.loop.further import merge_forms, simplify_bodies
+from hybrid_dynamics.loop.narrow import narrowed
 from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
-from hybrid_dynamics.loop.widen import narrowed, widened
+from hybrid_dynamics.loop.widen import widened
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.trajectory import Trajectory
@@ -187,7 +188,26 @@ def test_two_bodies_take_the_place_of_all_links_and_links_that_are_all_off_keep_
     judge = judge.adding(found).at(found)
     assert widened(judge, found)[1] == found
     rng = np.random.default_rng(3)
-    masses = rng.uniform(1.2, 1.6, 5)
+    masses = rng.uniform(0.6, 1.6, 5)
     every = [Effect("link_mass", (n,), {"mass": float(m)}) for n, m in zip(names, masses, strict=True)]
     judge, links = _of_chain(robot, every)
     assert narrowed(judge.at([links]), [links])[1] == [links]
+
+
+@pytest.mark.slow
+def test_three_causes_take_the_place_of_all_links_where_no_two_do() -> None:
+    robot = _chain(4)
+    names = robot.joint_names
+    three = [
+        Effect("link_mass", (names[1],), {"mass": 1.8}),
+        Effect("joint_spring", (names[2],), {"stiffness": 3.0, "rest_position": 0.1}, {"shape": "linear"}),
+        Effect("joint_spring", (names[0],), {"stiffness": 5.0, "rest_position": -0.2}, {"shape": "linear"}),
+    ]
+    judge, links = _of_chain(robot, three)
+    # What all ten numbers of a link have done at first, its mass does.
+    found = simplify_bodies(*narrowed(judge.at([links]), [links]), [])[1]
+    assert {(t.effect, t.joint) for t in found} == {(e.effect, e.joint_index(robot)) for e in three}
+    # Two of them do not do as well, so they are not named in the place of what is more.
+    judge = judge.adding(found).at(found)
+    full = judge.evidence.held(found, physical=True)
+    assert all(judge.news(full, judge.evidence.held([t for t in found if t != o])).surer_than(1.0) for o in found)

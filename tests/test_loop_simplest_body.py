@@ -73,14 +73,26 @@ def test_a_block_with_its_own_centre_stays_a_payload(times: float) -> None:
     assert not any(name in ("link_mass", "link_com") for name, _ in alike)
 
 
-def test_only_cases_of_its_own_link_are_asked() -> None:
-    # The mass of the other link: no body at the elbow comes down to that.
+def test_the_mass_of_another_link_takes_the_place_of_a_body_that_stood_for_it() -> None:
     judge, terms = judged([Effect("link_mass", (SHOULDER,), {"mass": 6.0})])
-    assert simplify_bodies(judge, [PAYLOAD], terms)[1] == [PAYLOAD]
-    # Nor one at the shoulder, though the families list the places of all links behind it.
-    everywhere = [Term("link_mass", 0), Term("link_mass", 1), *terms]
-    for term, joint in ((Term("link_inertia", 0), 0), (PAYLOAD, 1)):
-        asked = _special_cases(judge, [term], term, everywhere)
-        assert {(t.effect, t.joint) for t in asked} == {("link_mass", joint), ("link_com", joint)}
+    assert simplify_bodies(judge, [PAYLOAD], terms)[1] == [Term("link_mass", 0)]
     judge, terms = judged([Effect("link_mass", (ELBOW,), {"mass": 3.0})])
     assert simplify_bodies(judge, [PAYLOAD], terms)[1] == [Term("link_mass", 1)]
+    # A body of its own is neither link's.
+    judge, terms = judged([Effect("payload", (), BLOCK)])
+    assert simplify_bodies(judge, [PAYLOAD], terms)[1] == [PAYLOAD]
+
+
+def test_mass_and_centre_of_every_link_are_asked_once() -> None:
+    judge, terms = judged([Effect("link_mass", (SHOULDER,), {"mass": 6.0})])
+    for term in (Term("link_inertia", 0), PAYLOAD):
+        asked = _special_cases(judge, [term], term, [Term("link_mass", 1), *terms])
+        assert sorted((t.effect, t.joint) for t in asked) == [(e, j) for e in ("link_com", "link_mass") for j in (0, 1)]
+
+
+def test_a_payload_may_show_on_one_joint_and_what_all_links_or_joints_share_on_two() -> None:
+    judge, terms = judged([Effect("payload", (), BLOCK)])
+    shared = [t for t in terms if t.joint is None and t != PAYLOAD and t.family().scope == "robot"]
+    assert any(t.family().all_links for t in shared)
+    assert judge.needed(PAYLOAD) == 1
+    assert {judge.needed(t) for t in shared} == {2}

@@ -21,6 +21,7 @@ from hybrid_dynamics.loop.forms import choose_forms
 from hybrid_dynamics.loop.further import at_the_end, further_candidates, merge_forms, refine, simplify, simplify_bodies
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
+from hybrid_dynamics.loop.narrow import narrowed
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.prepare import Logs
@@ -31,7 +32,7 @@ from hybrid_dynamics.loop.search import Step, choose_signs, search
 from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.loop.trace import LEFT, Judge, same_place
-from hybrid_dynamics.loop.widen import narrowed, widened
+from hybrid_dynamics.loop.widen import widened
 from hybrid_dynamics.types import Array
 
 #: Floors that turn out lower by this factor ask for another look, so often at most.
@@ -215,7 +216,10 @@ def _as_few_bodies(
     judge, offered = further_candidates(judge, few)
     asked = [*candidates, *offered]
     judge, few, steps = _refined(judge, few, asked, report)
+    judge, few = _in_simplest_form(judge, few, asked)
     judge, few, _, further = _surely(judge, few, asked, looked, report)
+    # Rows at rest had their say on how a sign turns over, and the search has none of it.
+    judge, few = choose_signs(judge, few)
     return judge, few, [*steps, *further]
 
 

@@ -226,14 +226,19 @@ def _trials(judge: Judge, chosen: Sequence[Term], i: int, candidates: Sequence[T
 
 
 def _special_cases(judge: Judge, chosen: Sequence[Term], term: Term, candidates: Sequence[Term]) -> list[Term]:
-    """What ``term`` of ``chosen`` holds as a special case: of ``candidates``, or as the families list it."""
+    """What ``term`` of ``chosen`` holds as a special case: of ``candidates``, or as the families list it.
+
+    Of a single body also the mass or the centre of any other link: the ten numbers of one stand for its neighbour's
+    mass, and cost as much as ten of those.
+    """
     robot, contained = judge.evidence.robot, term.family().contains
-    joints = term.family().joints_of(robot, term)
+    single = term.family().is_body and not term.family().all_links
+    joints = range(robot.n_joints) if single else term.family().joints_of(robot, term)
     here = np.isin(np.arange(judge.evidence.n), joints)
     plainer = [c for c in candidates if c.effect in contained and c.joint in joints]
-    for name in sorted(set(contained) - {c.effect for c in plainer}):
+    for name in sorted(contained if single else set(contained) - {c.effect for c in plainer}):
         listed = family(name).terms(robot, here, judge.settings.options)
-        plainer += [c for c in listed if c.joint in joints]
+        plainer += [c for c in listed if c.joint in joints and not any(same_place(c, p) for p in plainer)]
     # Whether one link's ten numbers or all links' is asked elsewhere, with another burden of proof (loop/widen.py).
     bodies = term.family().all_links
     return [c for c in plainer if not any(same_place(c, s) for s in chosen) and not (bodies and c.family().is_body)]

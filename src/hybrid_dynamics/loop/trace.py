@@ -244,8 +244,12 @@ class Judge:
         return np.maximum(size, self.misfit**2)
 
     def needed(self, term: Term) -> int:
-        """On how many joints an effect must show: a whole-robot effect seen on one joint is a proxy for a local one."""
-        if term.family().scope != "robot":
+        """On how many joints an effect must show: a whole-robot effect seen on one joint is a proxy for a local one.
+
+        A payload is the last link's body, which a wrist may show on its own joint alone.
+        """
+        kind = term.family()
+        if kind.scope != "robot" or (kind.is_body and not kind.all_links):
             return 1
         return max(min(2, int((self.evidence.samples >= FEWEST_ROWS).sum())), 1)
 

@@ -5,24 +5,21 @@ no such link has, right in the poses of the run and far off in others. The burde
 links together, each near what the URDF says, take its place where they predict held-out samples no worse. Where several
 bodies are named, each as it could be, a URDF that is approximate everywhere is as likely: all links are named where
 they predict better by a standard error, not by the several that an effect beside others must gain. The other way
-round, a search that met all links first never asks for one or two: by the same rule these take their place.
+round: :mod:`.narrow`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 
-from hybrid_dynamics.effects import Term, family
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.inertia import body_scale
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links
-from hybrid_dynamics.loop.floor import FEWEST_ROWS
-from hybrid_dynamics.loop.further import like_a_body
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge, joined, same_place
+from hybrid_dynamics.loop.trace import Judge, joined
 from hybrid_dynamics.types import Array
 
 #: A link that differs by more than this multiple of a plausible change (half its mass, shifted by its own size) is
@@ -30,10 +27,6 @@ from hybrid_dynamics.types import Array
 BELIEVED = 2.0
 #: Of the ten parameters mass and first moment: inertias show in accelerations, in a short run hardly.
 WEIGHED = 4
-#: So many causes may stand in the place of all links: three bodies of ten numbers cost as much.
-FEW = 2
-#: Of those within this multiple of the least score, so many are re-fitted.
-NEAR, TRIED = 1.2, 5
 #: Standard errors by which held-out samples must be predicted better where several bodies are named, all believed.
 BETTER = 1.0
 
@@ -58,48 +51,6 @@ def widened(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
     gain = judge.news(evidence.held(together, physical=True), evidence.held(chosen, physical=True))
     there = take(judge, chosen, together) if gain.surer_than(0.0 if unbelieved else BETTER) else None
     return (judge, list(chosen)) if there is None else (there, trial)
-
-
-def narrowed(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
-    """``chosen`` with :data:`FEW` bodies or fewer, each believed, or what can look like one (a spring, a wrong zero, a
-    gain), in the place of all links' parameters, where these do not predict held-out samples better by :data:`BETTER`
-    standard errors; and the judge there."""
-    links = next((t for t in chosen if t.family().all_links), None)
-    if links is None:
-        return judge, list(chosen)
-    robot, options = judge.evidence.robot, judge.settings.options
-    moving = judge.evidence.samples >= FEWEST_ROWS
-    names = [name for name in judge.settings.families if family(name).by_regressor and not family(name).all_links]
-    alike = [family(name) for name in judge.settings.further]
-    names += [k.name for k in alike if k.scope == "joint" and not k.several and like_a_body(k)]
-    causes = [t for name in names for t in family(name).terms(robot, moving, options)]
-    # Also a link's mass or centre, alone or beside another body: what the last link lacks may be no payload, which has
-    # a mass of its own, and beside a payload the ten numbers of the link before it are beyond belief.
-    parts = [t for k in alike if k.scope == "link" and k.changes_body for t in k.terms(robot, moving, options)]
-    judge = judge.adding([*causes, *parts]).at(chosen)
-    judge, beside = beside_links(judge, chosen)
-    evidence, together = judge.evidence, [*chosen, *beside]
-    limit, rest = evidence.held(together), [t for t in chosen if t != links]
-    free, single = ([c for c in some if not any(same_place(c, t) for t in rest)] for some in (causes, parts))
-    groups = [some for count in range(1, FEW + 1) for some in combinations(free, count)]
-    bodies = [*single, *(c for c in free if c.family().is_body)]
-    groups += [some for n in range(1, FEW + 1) for some in combinations(bodies, n) if any(c in single for c in some)]
-    held = {some: evidence.held([*rest, *some]) for some in groups if len({t.place for t in some}) == len(some)}
-    best = min(held.values(), key=lambda h: h.score, default=None)
-    if best is None or judge.news(limit, best).surer_than(BETTER):
-        return judge.at(chosen), list(chosen)
-    # Of those that do as well the cheapest first: a spring of two numbers before a link of ten that stands for it.
-    near = [some for some, own in held.items() if own.score <= NEAR * best.score and judge.as_good(own, best)]
-    for some in sorted(near, key=lambda some: (judge.price(*some), held[some].score, repr(some)))[:TRIED]:
-        trial = [*rest, *some]
-        there = take(judge, together, trial)
-        if there is None or beyond_belief(there, trial, there.evidence.fit(trial)) > BELIEVED:
-            continue
-        there = there.adding(together)
-        few, all_of_them = (there.evidence.held(terms, physical=True) for terms in (trial, together))
-        if there.spares(few, all_of_them) and not there.news(all_of_them, few).surer_than(BETTER):
-            return there, trial
-    return judge.at(chosen), list(chosen)
 
 
 def beyond_belief(judge: Judge, chosen: Sequence[Term], x: Array) -> float:
