@@ -36,6 +36,7 @@ CLOSE = ("close-loop", "--robot", "robot.urdf", "--train", "bad.csv", "b.csv", "
 CHECK = ("check", "--robot", "robot.urdf", "--data", "bad.csv")
 PREDICT = ("predict", "--robot", "robot.urdf", "--model", "bad.json", "--data", "test.csv", "--out", "tau.csv")
 PREDICT_LOG = ("predict", "--robot", "robot.urdf", "--model", "model.json", "--data", "bad.csv", "--out", "tau.csv")
+OTHER_ORDER = ["time", "q2", "q1", "tau2", "tau1"]
 OTHER_URDF = ("check", "--robot", "bad.urdf", "--data", "a.csv")
 
 
@@ -297,6 +298,10 @@ CASES: list[Case] = [
     Case("velocities in deg/s, in close-loop", CLOSE, velocity(np.rad2deg)),
     Case("velocities in deg/s, in predict", PREDICT_LOG, velocity(np.rad2deg)),
     Case("positions in degrees, in predict", PREDICT_LOG, scaled(np.rad2deg(1), "q1", "q2")),
+    Case("joints exchanged, in predict", PREDICT_LOG, frame(lambda t: t.set_axis(OTHER_ORDER, axis=1))),
+    Case("torque in N mm, in predict", PREDICT_LOG, scaled(1e3, "tau1", "tau2")),
+    Case("torques with the wrong sign, in predict", PREDICT_LOG, scaled(-1, "tau1", "tau2")),
+    Case("one torque with the wrong sign, in predict", PREDICT_LOG, scaled(-1, "tau2")),
     Case("velocities in rpm", CHECK, velocity(lambda d: d * 60 / (2 * np.pi))),
     Case("velocities of the motor", CHECK, velocity(lambda d: d * [100.0, 80.0])),
     Case("velocities with the wrong sign", CHECK, velocity(lambda d: -d)),

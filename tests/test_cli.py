@@ -99,30 +99,52 @@ def test_predict_replaces_its_own_file_and_no_log(here, name):
     assert run(*PREDICT, other.name, "--force") == 0
 
 
+def of_log(log: pd.DataFrame, name: str) -> tuple[str, ...]:
+    """A prediction along ``log``, written as ``name``.csv."""
+    log.to_csv(f"{name}.csv", index=False)
+    return (*PREDICT[:-3], "--data", f"{name}.csv", "--out", f"{name}.parquet")
+
+
 def test_predict_says_where_no_model_would_be_better(here, capsys):
-    """Columns exchanged, and a log too slow: told, as check and close-loop refuse them; the log as it is: nothing."""
+    """A gain that no unit has, of all joints and of one, and a log too slow: told; the log as it is: nothing."""
     log = pd.read_parquet("run.parquet")
     assert run(*PREDICT, "plain.parquet") == 0
     said = capsys.readouterr().err
     assert "worse than" not in said
     assert "too slow" not in said
-    names = {f"{s}{a}": f"{s}{b}" for s in ("q", "dq") for a, b in ((2, 4), (4, 2))}
-    log.rename(columns=names).to_csv("swapped.csv", index=False)
-    assert run(*PREDICT[:-3], "--data", "swapped.csv", "--out", "swapped.parquet") == 0
+    assert run(*of_log(log.assign(**{f"tau{j}": 0.3 * log[f"tau{j}"] for j in range(1, 8)}), "weak")) == 0
     assert re.search(
         r"note: the model predicts this log worse than no model at all: \d+% of the torque is left; .*"
         r"run hybrid-dynamics check on the log",
         capsys.readouterr().err,
     )
-    # One joint alone: it is named, though the arm as a whole is predicted well.
-    log.assign(tau4=-log["tau4"]).to_csv("turned.csv", index=False)
-    assert run(*PREDICT[:-3], "--data", "turned.csv", "--out", "turned.parquet") == 0
+    assert run(*of_log(log.assign(tau4=0.3 * log["tau4"]), "one")) == 0
     assert re.search(r"worse than no model at all on some joints: \d+% on panda_joint4 of the", capsys.readouterr().err)
     step = round(0.2 / float(np.median(np.diff(log["time"]))))
     wide = pd.concat([log.assign(time=log["time"] + k * (log["time"].iloc[-1] + 0.002)) for k in range(20)])
-    wide.iloc[::step].to_csv("slow.csv", index=False)
-    assert run(*PREDICT[:-3], "--data", "slow.csv", "--out", "slow.parquet") == 0
+    assert run(*of_log(wide.iloc[::step], "slow")) == 0
     assert "5 Hz is too slow for dynamics; expected at least 10 Hz" in capsys.readouterr().err
+
+
+def test_predict_refuses_a_log_whose_torque_cannot_be_of_its_motion(here, capsys):
+    """What check and close-loop refuse: a number along such a log would be wrong without a word."""
+    log = pd.read_parquet("run.parquet")
+    names = {f"{s}{a}": f"{s}{b}" for s in ("q", "dq", "tau") for a, b in ((2, 4), (4, 2))}
+    torques = [f"tau{j}" for j in range(1, 8)]
+    for what, (spoilt, message) in {
+        "swapped": (log.rename(columns=names), "of panda_joint2 and panda_joint4 are exchanged"),
+        "turned": (log.assign(tau4=-log["tau4"]), "joint panda_joint4: the measured torque (tau4) has the wrong sign"),
+        "Nmm": (log.assign(**{t: 1e3 * log[t] for t in torques}), "it looks like N mm: convert it"),
+        "late": (
+            log.assign(**{t: np.roll(log[t], 100) for t in torques}),
+            "s later than the positions; expected one clock",
+        ),
+    }.items():
+        arguments = of_log(spoilt, what)
+        assert message in refused(here, capsys, *arguments)
+    # The control: the log as it is; and where there is no torque, nothing can be said of it.
+    assert run(*of_log(log, "plain")) == 0
+    assert run(*of_log(log.rename(columns=names).drop(columns=torques), "motion")) == 0
 
 
 def test_import_replaces_no_file_unasked(here, capsys):

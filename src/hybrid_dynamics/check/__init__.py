@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hybrid_dynamics.check.before_fit import Checked, check_before_fit, checked, checked_motion
+from hybrid_dynamics.check.before_fit import Checked, check_before_fit, checked, checked_log
 from hybrid_dynamics.check.findings import Finding, refuse_hard
 
-__all__ = ["Checked", "Finding", "check_before_fit", "checked", "checked_motion", "refuse_hard"]
+__all__ = ["Checked", "Finding", "check_before_fit", "checked", "checked_log", "refuse_hard"]

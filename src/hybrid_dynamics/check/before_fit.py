@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
+from hybrid_dynamics.check.completed import Completed, body_of
 from hybrid_dynamics.check.content import check_rate
 from hybrid_dynamics.check.duplicates import check_duplicates
 from hybrid_dynamics.check.findings import Finding, Severity, ordered, refuse_hard
 from hybrid_dynamics.check.guess import SAME_MOUNTING, angle
+from hybrid_dynamics.check.known import check_known
 from hybrid_dynamics.check.limits import check_angles, check_limits
 from hybrid_dynamics.check.torque import check_torque, outvoted
 from hybrid_dynamics.check.velocity import check_velocity
@@ -21,14 +22,6 @@ from hybrid_dynamics.readers.resample import resample
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
-
-
-class Completed(Protocol):
-    """A model whose rigid body may differ from the URDF's."""
-
-    @property
-    def completed_robot(self) -> Robot:
-        """The robot with the effects of the body in it."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +53,7 @@ def checked(
     With ``refuse`` hard findings raise :class:`InputError`; without, they are among the findings. Signals that are
     missing or of another robot are refused in any case.
     """
-    body = robot if isinstance(robot, Robot) else robot.completed_robot
+    body = body_of(robot)
     check_shape(body, [*train, *test])
     findings: list[Finding] = []
     mended: list[Trajectory] = []
@@ -91,7 +84,7 @@ def checked(
         findings += velocity
         if _of_no_use(velocity):
             part[:] = [_without_velocity(run) for run in part]
-        of_torque, found_gravity = _torque(body, part)
+        of_torque, found_gravity = _torque(robot, part)
         of_torque = [_of_held_signals(f, part) for f in of_torque]
         if part is second and angle(found_gravity, gravity) < SAME_MOUNTING:
             of_torque = [f for f in of_torque if f.code != "mounting"]
@@ -104,20 +97,27 @@ def checked(
     return Checked(tuple(first), tuple(second), tuple(ordered(findings)), gravity)
 
 
-def checked_motion(robot: Robot, log: Trajectory) -> tuple[Trajectory, list[Finding]]:
-    """``log`` (its own stamps; torque is not looked at) without a velocity that is none, and what was found.
+def checked_log(model: Robot | Completed, log: Trajectory) -> tuple[Trajectory, list[Finding]]:
+    """``log`` (its own stamps) without a velocity that is none, and what was found, before ``model`` predicts along it.
 
-    :class:`InputError` where positions or velocities cannot be this robot's: what is computed along them would be
-    wrong without a word.
+    The torque, where there is one that varies, is looked at with all of the model's effects: what it knows is no fault.
+    :class:`InputError` where the log cannot be of this robot as it stands: what is computed along it would be wrong
+    without a word.
     """
+    body = body_of(model)
     pieces = resample(repair(log)[0])
-    findings = check_angles(robot, pieces)
-    if not findings:
-        findings = check_velocity(robot.joint_names, pieces)
-    refuse_hard(findings)
+    findings = check_angles(body, pieces)
     # What a slow log resolves is predicted all the same; that it is little must be known.
-    findings += [replace(f, severity="warning") for f in _once(check_rate(pieces)) if f.code == "too_slow"]
-    return _without_velocity(log) if _of_no_use(findings) else log, findings
+    slow = [replace(f, severity="warning") for f in _once(check_rate(pieces)) if f.code == "too_slow"]
+    if not findings and pieces:
+        findings = check_velocity(body.joint_names, pieces) + check_limits(body, pieces) + slow
+        refuse_hard(findings)
+        if "tau" in log and not slow and np.ptp(log["tau"], axis=0).any():
+            of_torque = _torque(model, pieces, fixed=True)[0]
+            certain = any(f.severity == "hard" for f in of_torque)
+            findings += of_torque if certain else [*check_known(model, pieces), *of_torque]
+    refuse_hard(findings)
+    return _without_velocity(log) if _of_no_use(findings) else log, ordered(findings)
 
 
 def _of_no_use(velocity: Sequence[Finding]) -> bool:
@@ -158,12 +158,12 @@ def _not_finite(runs: Sequence[Trajectory]) -> list[Finding]:
     ]
 
 
-def _torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding], Array]:
+def _torque(model: Robot | Completed, runs: Sequence[Trajectory], fixed: bool = False) -> tuple[list[Finding], Array]:
     """All runs together, then those alone that the others may have outvoted."""
-    findings, gravity = check_torque(robot, runs)
+    findings, gravity = check_torque(model, runs, fixed)
     if len(runs) > 1 and not any(f.severity == "hard" for f in findings):
-        for run, joints in outvoted(robot, runs, gravity):
-            alone, _ = check_torque(robot, [run])
+        for run, joints in outvoted(model, runs, gravity):
+            alone, _ = check_torque(model, [run], fixed)
             of_it = (f for f in alone if f.severity == "hard" and f.joint in ("", *joints))
             findings += [replace(f, run=run.name) for f in of_it]
     return findings, gravity

@@ -1,9 +1,9 @@
 """How well a guess about the log explains a joint's torque: products of columns once, any number of guesses after.
 
 A guess says which torque column belongs to the joint, its sign, where gravity points, how time was scaled. It explains
-the torque by ``alpha (motion + gravity) + Fv dq + Fc sign(dq) + Ia ddq + b`` with ``alpha, Fv, Fc, Ia >= 0``: no unit
-is taken for granted, and friction and rotors only ever oppose. What is left, as a share of the torque's own mean
-square, is compared between guesses on a logarithmic scale.
+the torque by ``alpha (motion + gravity) + Fv dq + Fc sign(dq) + Ia ddq + beta beside + b``, all but ``b`` >= 0: no unit
+is taken for granted, friction and rotors only ever oppose, and what a model has beside the rigid body may have changed.
+What is left, as a share of the torque's own mean square, is compared between guesses on a logarithmic scale.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from hybrid_dynamics.types import Array
 
 #: Shares below this are model error in any case: nothing is gained there.
 FLOOR = 0.01
-_FREE = slice(4, 7)
+_FREE, _TORQUE = slice(4, 8), 8
 
 
 @dataclass(frozen=True)
 class Fit:
-    """``left``: share of the mean square that a guess leaves; ``coefficients``: alpha, Fv, Fc, Ia; ``rigid`` [N m]:
-    standard deviation of the model's torque."""
+    """``left``: share of the mean square that a guess leaves; ``coefficients``: alpha, Fv, Fc, Ia, beta; ``rigid``
+    [N m]: standard deviation of the rigid body's torque."""
 
     left: float
     coefficients: Array
@@ -37,7 +37,7 @@ class Fit:
 
 
 class Forms:
-    """Products of each joint's columns ``[motion, gx, gy, gz, dq, sign, ddq, tau1 .. taun]``, constants taken out."""
+    """Products of each joint's columns ``[motion, gx, gy, gz, dq, sign, ddq, beside, tau1 .. taun]`` without means."""
 
     def __init__(self, columns: Columns) -> None:
         self.n = columns.tau.shape[1]
@@ -50,6 +50,7 @@ class Forms:
                     columns.dq[:, j],
                     columns.sign[:, j],
                     columns.ddq[:, j],
+                    columns.beside[:, j],
                     columns.tau,
                 ]
             )
@@ -72,27 +73,27 @@ class Forms:
         ``links`` it moves nothing but itself.
         """
         gram = self.grams[j]
-        target = 7 + (j if source is None else source)
-        mix = np.zeros((len(gram), 5))
+        target = _TORQUE + (j if source is None else source)
+        mix = np.zeros((len(gram), 6))
         if links:
             mix[0, 0], mix[1:4, 0] = pace**2, gravity
-        mix[_FREE, 1:4] = np.diag([1.0, 1.0, float(rotor)])
-        mix[target, 4] = sign
+        mix[_FREE, 1:5] = np.diag([1.0, 1.0, float(rotor), 1.0])
+        mix[target, 5] = sign
         return explain(mix.T @ gram @ mix)
 
     def search_gravity(self, size: float) -> list[Array]:
         """Directions of gravity (3,) of length ``size`` worth a closer look, signs of the torque unknown.
 
-        Friction and rotors are taken out first, so that the whole sphere is a few quadratic forms.
+        Friction, rotors and effects are taken out first, so that the whole sphere is a few quadratic forms.
         """
         directions = sphere(2000) * size
         mixes = np.concatenate([np.ones((len(directions), 1)), directions], axis=1)
         keep, flip = np.zeros(len(directions)), np.zeros(len(directions))
         for j, gram in enumerate(self.grams):
-            rows = [0, 1, 2, 3, 7 + j]
-            inner = gram[_FREE, _FREE] + 1e-12 * max(float(np.trace(gram[_FREE, _FREE])), 1e-30) * np.eye(3)
+            rows = [0, 1, 2, 3, _TORQUE + j]
+            inner = gram[_FREE, _FREE] + 1e-12 * max(float(np.trace(gram[_FREE, _FREE])), 1e-30) * np.eye(4)
             rest = gram[np.ix_(rows, rows)] - gram[rows, _FREE] @ np.linalg.solve(inner, gram[_FREE, rows])
-            if rest[4, 4] <= 1e-12 * max(gram[7 + j, 7 + j], 1e-300):
+            if rest[4, 4] <= 1e-12 * max(gram[_TORQUE + j, _TORQUE + j], 1e-300):
                 continue
             own = np.maximum(np.einsum("gi,ij,gj->g", mixes, rest[:4, :4], mixes), 1e-300)
             cross = mixes @ rest[:4, 4]
@@ -126,13 +127,13 @@ _AROUND = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0,
 
 
 def explain(gram: Array) -> Fit:
-    """Non-negative least squares from products (5, 5) of [model's torque, dq, sign, ddq, torque]."""
-    power = float(gram[4, 4])
+    """Non-negative least squares from products (m + 1, m + 1) of m columns, the model's torque first, and torque."""
+    power = float(gram[-1, -1])
     if power <= 0:
-        return Fit(1.0, np.zeros(4), 0.0)
-    scale = np.sqrt(np.maximum(np.diag(gram)[:4], 1e-300))
-    a = gram[:4, :4] / scale[:, None] / scale[None, :] + 1e-9 * np.eye(4)
-    b = gram[:4, 4] / scale / np.sqrt(power)
+        return Fit(1.0, np.zeros(len(gram) - 1), 0.0)
+    scale = np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
+    a = gram[:-1, :-1] / scale[:, None] / scale[None, :] + 1e-9 * np.eye(len(scale))
+    b = gram[:-1, -1] / scale / np.sqrt(power)
     root = np.linalg.cholesky(a)
     x, _ = nnls(root.T, np.linalg.solve(root, b))
     left = float(np.clip(1.0 - 2 * b @ x + x @ a @ x, 0.0, 1.0))

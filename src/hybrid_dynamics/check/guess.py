@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from hybrid_dynamics.check.columns import columns_of
+from hybrid_dynamics.check.completed import Completed
 from hybrid_dynamics.check.forms import FLOOR, Forms
 from hybrid_dynamics.check.samples import Stretch
 from hybrid_dynamics.robots import Robot
@@ -59,7 +60,7 @@ class Guess:
         return sum(self.scores) + self.price
 
 
-def best_guess(robot: Robot, parts: Sequence[Stretch], forms: Forms, gravity: Array) -> tuple[Guess, Guess]:
+def best_guess(model: Robot | Completed, parts: Sequence[Stretch], forms: Forms, gravity: Array) -> tuple[Guess, Guess]:
     """The log as it says, and the guess with the least total (the same object where nothing is better)."""
     n = forms.n
     identity = tuple(range(n))
@@ -75,7 +76,7 @@ def best_guess(robot: Robot, parts: Sequence[Stretch], forms: Forms, gravity: Ar
     guesses += [_paced(forms, told, pace) for pace in PACES]
     best = min(guesses, key=lambda guess: guess.total)
     if np.exp(max(best.scores)) > UNEXPLAINED and n > 1:
-        best = min([best, *_rearranged(robot, parts, told, best)], key=lambda guess: guess.total)
+        best = min([best, *_rearranged(model, parts, told, best)], key=lambda guess: guess.total)
     return told, best
 
 
@@ -125,14 +126,14 @@ def _paced(forms: Forms, told: Guess, pace: float) -> Guess:
     return replace(told, pace=pace, scores=scores, price=PACE)
 
 
-def _rearranged(robot: Robot, parts: Sequence[Stretch], told: Guess, best: Guess) -> list[Guess]:
+def _rearranged(model: Robot | Completed, parts: Sequence[Stretch], told: Guess, best: Guess) -> list[Guess]:
     """Guesses about positions: two joints' exchanged, or one with the wrong sign; alone or together with the torque.
 
     They are tried on part of the rows, and their scores put on the footing of all rows by what ``told`` has there.
     """
-    few = _few_rows(parts)
-    n = robot.n_joints
-    plain = Forms(columns_of(robot, few))
+    few = few_rows(parts)
+    plain = Forms(columns_of(model, few))
+    n = plain.n
     here = [plain.fit(j, told.gravity).score for j in range(n)]
 
     def guess(forms: Forms, source: Sequence[int], sign: Sequence[int], price: float, **what: object) -> Guess:
@@ -143,18 +144,19 @@ def _rearranged(robot: Robot, parts: Sequence[Stretch], told: Guess, best: Guess
     ones, identity = [1] * n, list(range(n))
     out = []
     for pair in combinations(range(n), 2):
-        forms = Forms(columns_of(robot, few, pair))
+        forms = Forms(columns_of(model, few, pair))
         both = list(identity)
         both[pair[0]], both[pair[1]] = pair[1], pair[0]
         out += [guess(forms, source, ones, 2 * PLACE, swap=pair) for source in (identity, both)]
     for j in range(n):
-        forms = Forms(columns_of(robot, few, mirror=j))
+        forms = Forms(columns_of(model, few, mirror=j))
         turned = [-1 if k == j else 1 for k in range(n)]
         out += [guess(forms, identity, sign, 2 * SIGN, mirror=j) for sign in (ones, turned)]
     return out
 
 
-def _few_rows(parts: Sequence[Stretch]) -> list[Stretch]:
+def few_rows(parts: Sequence[Stretch]) -> list[Stretch]:
+    """``parts`` thinned out to :data:`SWAP_ROWS` rows, about."""
     step = max(int(np.ceil(sum(len(p.q) for p in parts) / SWAP_ROWS)), 1)
     return [
         Stretch(p.name, p.dt * step, p.cutoff, p.q[::step], p.dq[::step], p.ddq[::step], p.tau[::step]) for p in parts

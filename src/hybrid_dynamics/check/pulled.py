@@ -36,8 +36,7 @@ def coupling_leaves(columns: Columns, gravity: Array, j: int, k: int) -> float:
     if power <= 0:
         return 1.0
     together = np.sign(columns.dq[:, j] + columns.dq[:, k])
-    rigid = columns.motion[:, j] + columns.gravity[:, j] @ gravity
-    table = np.column_stack([rigid, columns.free(j)[:, :3], columns.free(k)[:, :3], together])
+    table = np.column_stack([columns.model(j, gravity), columns.free(j)[:, :3], columns.free(k)[:, :3], together])
     low, high = np.full(table.shape[1], -np.inf), np.full(table.shape[1], np.inf)
     low[:4] = 0.0
     x, _, left = _bounded(table, torque, low, high)
@@ -61,7 +60,7 @@ def spring_leaves(
     spring = [((q - middle) / reach) ** k for k in POWERS]
     table = np.column_stack(
         [
-            columns.motion[:, j] + columns.gravity[:, j] @ gravity,
+            columns.model(j, gravity),
             columns.ddq[:, j],
             columns.dq[:, j],
             columns.sign[:, j],
@@ -87,8 +86,7 @@ def body_leaves(robot: Robot, q: Array, columns: Columns, gravity: Array, j: int
     rows = slice(None, None, max(len(q) // ROWS, 1))
     standing = robot.copy()
     standing.model.gravity.linear = gravity
-    rigid = columns.motion[rows, j] + columns.gravity[rows, j] @ gravity
-    torque = columns.tau[rows, j] - rigid
+    torque = (columns.tau[:, j] - columns.model(j, gravity))[rows]
     power = float(np.var(columns.tau[rows, j])) * len(torque)
     if power <= 0:
         return 1.0

@@ -33,6 +33,11 @@ class Stretch:
     ddq: Array
     tau: Array
 
+    @property
+    def time(self) -> Array:
+        """(K,) [s] since the run began."""
+        return np.asarray(TRIM / self.cutoff + self.dt * np.arange(len(self.q)), float)
+
 
 def stretch(run: Trajectory) -> Stretch | None:
     """``run`` (``q tau`` on a uniform grid) filtered and thinned; None where it is too short to say anything."""

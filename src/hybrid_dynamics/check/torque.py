@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.check.columns import Columns, columns_of, standing
+from hybrid_dynamics.check.completed import Completed, body_of, true_stretches
 from hybrid_dynamics.check.cures import turned
 from hybrid_dynamics.check.delay import Delay, find_delay
 from hybrid_dynamics.check.findings import Finding, Severity
@@ -29,7 +30,7 @@ from hybrid_dynamics.check.guess import (
 )
 from hybrid_dynamics.check.order import places
 from hybrid_dynamics.check.pulled import body_leaves, spring_leaves
-from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch, stretches
+from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -63,18 +64,22 @@ _UNITS: dict[int, tuple[str, dict[str, Any]]] = {
 }
 
 
-def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding], Array]:
+def check_torque(
+    model: Robot | Completed, runs: Sequence[Trajectory], fixed: bool = False
+) -> tuple[list[Finding], Array]:
     """Findings on the torque of ``runs`` (``q tau`` on uniform grids), and gravity (3,) [m/s^2] in the base frame.
 
-    Gravity is that of ``robot`` where the torque does not say otherwise.
+    Gravity is that of ``model`` where the torque does not say otherwise; where that is ``fixed``, another one is no
+    mounting to be found but one that the model is not of.
     """
-    parts = stretches(runs)
+    parts = true_stretches(model, runs)
+    robot = body_of(model)
     gravity = standing(robot)
     if not parts or sum(len(p.q) for p in parts) < 40:
         return [], gravity
-    columns = columns_of(robot, parts)
+    columns = columns_of(model, parts)
     forms = Forms(columns)
-    told, best = best_guess(robot, parts, forms, gravity)
+    told, best = best_guess(model, parts, forms, gravity)
     if not _holds(told, best):
         best = told
     names = robot.joint_names
@@ -85,7 +90,7 @@ def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding
         *_clock(told, best),
     ]
     if best.mirror is None and best.swap is None:
-        findings += _mounting(robot, told, best)
+        findings += _mounting(robot, told, best, fixed)
         fits = [forms.fit(j, best.gravity, best.source[j], best.sign[j], best.pace) for j in range(forms.n)]
         agreeing = (1 / MAX_SCALE, MAX_SCALE)
         pulled = [
@@ -99,20 +104,22 @@ def check_torque(robot: Robot, runs: Sequence[Trajectory]) -> tuple[list[Finding
     return findings, best.gravity
 
 
-def outvoted(robot: Robot, runs: Sequence[Trajectory], gravity: Array) -> list[tuple[Trajectory, list[str]]]:
+def outvoted(
+    model: Robot | Completed, runs: Sequence[Trajectory], gravity: Array
+) -> list[tuple[Trajectory, list[str]]]:
     """Runs in which some joints' torque is explained far worse than in the other runs, each with these joints.
 
     A joint that no run explains says nothing about one of them: what looks like its torque turned round there is what
     the model lacks.
     """
-    seen = [(run, parts) for run in runs if (parts := stretches([run]))]
+    names = np.array(body_of(model).joint_names)
+    seen = [(run, parts) for run in runs if (parts := true_stretches(model, [run]))]
     left = np.array(
-        [[f.fit(j, gravity).left for j in range(f.n)] for f in (Forms(columns_of(robot, p)) for _, p in seen)]
+        [[f.fit(j, gravity).left for j in range(f.n)] for f in (Forms(columns_of(model, p)) for _, p in seen)]
     )
     if len(left) < 2:
-        return [(run, list(robot.joint_names)) for run, _ in seen]
+        return [(run, list(names)) for run, _ in seen]
     worse = left - left.min(axis=0) > OUTVOTED
-    names = np.array(robot.joint_names)
     return [(run, list(names[own])) for (run, _), own in zip(seen, worse, strict=True) if own.any()]
 
 
@@ -268,7 +275,7 @@ def _rotors(robot: Robot, parts: Sequence[Stretch], forms: Forms, best: Guess) -
     return []
 
 
-def _mounting(robot: Robot, told: Guess, best: Guess) -> list[Finding]:
+def _mounting(robot: Robot, told: Guess, best: Guess, fixed: bool) -> list[Finding]:
     off = angle(best.gravity, told.gravity)
     if off <= SAME_MOUNTING:
         return []
@@ -277,7 +284,14 @@ def _mounting(robot: Robot, told: Guess, best: Guess) -> list[Finding]:
         f"at {np.rad2deg(off):.0f} deg to it, along ({x:.2f}, {y:.2f}, {z:.2f}) m/s^2 in the frame of "
         f"{robot.name}'s base"
     )
-    if off > WEIGHED_WRONGLY and is_certain(told, best):
+    certain = off > WEIGHED_WRONGLY and is_certain(told, best)
+    if fixed:
+        text = (
+            f"the base {'does' if certain else 'may'} not stand as the model says: gravity is found {where}; the model "
+            "is of another mounting: run close-loop on logs of this one, or give the log of a robot that stands so"
+        )
+        return [Finding("mounting", "hard" if certain else "warning", text)]
+    if certain:
         text = (
             f"the base does not stand as the URDF says: gravity is found {where} (an arm on a wall or under a "
             "ceiling); close-loop names it gravity_tilt"
@@ -322,8 +336,7 @@ def _units(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.bool_])
 
 def _delay(names: Sequence[str], columns: Columns, parts: Sequence[Stretch], best: Guess) -> list[Finding]:
     def torque(j: int) -> tuple[Array, Array]:
-        model = best.pace**2 * columns.motion[:, j] + columns.gravity[:, j] @ best.gravity
-        return model, best.sign[j] * columns.tau[:, best.source[j]]
+        return columns.model(j, best.gravity, best.pace), best.sign[j] * columns.tau[:, best.source[j]]
 
     found: Delay = find_delay(columns, parts, torque)
     size = abs(found.seconds)

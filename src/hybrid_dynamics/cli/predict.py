@@ -29,7 +29,8 @@ def add_parser(subparsers: Any) -> None:
         run,
         short="torque that a completed model predicts for a log",
         long="Predict drive torque along the motion of a log, a row for every row of it, at the loop's bandwidth; "
-        "where the log has torque, the error of the prediction is told and written. " + LOG_HELP,
+        "where the log has torque, the error of the prediction is told and written, and a log whose columns, signs or "
+        "units cannot be those of the model's robot is refused. " + LOG_HELP,
         example="hybrid-dynamics predict --model out/model.json --robot robot.urdf --data c.csv --out c.parquet",
     )
     add_robot(parser)
@@ -56,7 +57,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The ``predict`` command."""
-    from hybrid_dynamics.check import checked_motion
+    from hybrid_dynamics.check import checked_log
     from hybrid_dynamics.errors import one_line
     from hybrid_dynamics.files import check_target
     from hybrid_dynamics.loop.model import load_model, read_model
@@ -89,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         # The torque is only compared with: a log without it, or with one that is of no use, is predicted all the same.
         log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append, torque=False, log=form)
         notices.append(f"no comparison with measured torque ({one_line(error)})")
-    log, findings = checked_motion(robot, log)
+    log, findings = checked_log(model, log)
     notices += [f.line for f in findings]
     prediction = predict(model, log, parts=args.effects, uncertainty=uncertainty, notify=notices.append)
     left_out = int((~prediction.covered).sum())

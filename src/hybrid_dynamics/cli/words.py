@@ -46,7 +46,7 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
     named = "; ".join(effect_phrases([e for e in diagnosis["effects"] if confirmed(e)]))
     error = _error_change(diagnosis)
     if verdict == "nothing_missing":
-        lead = "nothing has changed" if asked(diagnosis) else "nothing is missing"
+        lead = verdict_words(diagnosis) if asked(diagnosis) else "nothing is missing"
         return f"{lead}; {_error_kept(diagnosis)}"
     if not named:
         return f"something is missing, but nothing known explains it; {error}"

@@ -1,4 +1,4 @@
-"""What every effect of the catalogue offers: law, regressor columns, constraints, inverse, and what is known of it.
+"""What every effect of the catalogue offers: places, regressor columns, constraints, inverse; its law: :mod:`.law`.
 
 An effect is the torque the drive must ADD to what the model already has. Given its *settings* it is linear in its
 *coordinates* x (p,): ``torque = columns @ x``; coordinates and settings together become the published parameters (names
@@ -6,22 +6,12 @@ and units of the catalogue) by :meth:`Family.parameters_of`. Where the torque is
 mass), the columns are its derivative at zero and the loop iterates with the exact torque of
 :mod:`hybrid_dynamics.effects.acting`.
 
-**One law.** A family that is not part of the rigid body writes its torque once, as :meth:`Family.law`, over an array
-namespace ``xp``: columns, prediction, forward simulation and every export come from it. ``xp`` offers ``sin cos exp
-tanh abs sign sqrt where minimum maximum`` (NumPy does; for CasADi or C a small object with these names does). What the
-law sees is a :class:`State`: quantities of all joints, indexed by joint, as arrays (T,) or as symbols.
-
-**Memory.** Friction that follows the distance since the last reversal has one state z, dz/dt = (dq - abs(dq) z) / s
-(Dahl 1968, scaled to abs(z) <= 1); :meth:`Family.presliding` gives the presliding displacement s [rad], or None without
-memory; the law reads ``at.z``.
-
 **Nonlinear parameters** are numbers in the term's settings, declared as :class:`Refined`: the loop starts from the
 small grid that :meth:`Family.terms` offers and refines them; they are published as parameters, with standard errors.
 """
 
 from __future__ import annotations
 
-from abc import ABC
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -30,11 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.declared import Declared
-from hybrid_dynamics.effects.keys import central_difference, hashable, joint_number, split_key
+from hybrid_dynamics.effects.keys import central_difference, hashable, joint_number
+from hybrid_dynamics.effects.law import Law
 from hybrid_dynamics.effects.settings import check_refined, check_settings
-from hybrid_dynamics.effects.sign import presliding_sign
-from hybrid_dynamics.effects.state import Motion, Refined, Settings, State
+from hybrid_dynamics.effects.state import Motion, Refined, Settings
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
@@ -42,8 +31,6 @@ from hybrid_dynamics.types import Array
 #: ``torque(q, dq, load=None, ddq=None, time=None) -> (T, n)`` [N m].
 StateTorque = Callable[..., Array]
 
-#: Setting that names the other joint of an effect between two.
-FROM_JOINT = "from_joint"
 #: Setting of an effect that acts in one run only: its name.
 ONLY_RUN = "only_run"
 #: Setting of an effect that acts for a while only: pairs (start, end) [s since the run began].
@@ -166,7 +153,7 @@ class Effect:
         return Term(self.effect, self.joint_index(robot), tuple(sorted(settings.items())))
 
 
-class Family(Declared, ABC):
+class Family(Law):
     """One entry of the catalogue. Subclasses are registered by :func:`register` under ``name``.
 
     >>> from hybrid_dynamics import Family
@@ -225,10 +212,6 @@ class Family(Declared, ABC):
         """0-based joints on which ``term`` holds the families that it contains."""
         return [] if term.joint is None else [term.joint]
 
-    def price(self, settings: Mapping[str, Any]) -> int:
-        """What it costs beside an explanation that is as good: its published numbers."""
-        return len(self.published(settings))
-
     def twin(self, term: Term, robot: Robot) -> Term | None:
         """The term of another family that is structurally the same as ``term``, whatever the motion."""
         return None
@@ -237,33 +220,11 @@ class Family(Declared, ABC):
         """Why no motion of a robot tells ``term`` from ``other``, one sentence; empty where one does."""
         return ""
 
-    def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
-        """In the terms of robot description formats (``export/terms.py``), each with its value."""
-        return {"law": 1.0}
-
-    def partner(self, robot: Robot, settings: Mapping[str, Any]) -> int | None:
-        """0-based index of the other joint of an effect between two."""
-        name = settings.get(FROM_JOINT)
-        return None if name is None else joint_number(robot, str(name), f"effect {self.name}, setting {FROM_JOINT}")
-
     def rows(self, robot: Robot, term: Term) -> list[tuple[int, int | None]]:
         """(joint, partner) of every row of the torque in which the law stands."""
         return [(term.index, self.partner(robot, term.options))]
 
-    # -- the law ------------------------------------------------------------------------------------------------------
-    @property
-    def has_law(self) -> bool:
-        """False where the effect is part of the rigid body or of what is read."""
-        return not (self.changes_body or self.changes_reading)
-
-    def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
-        """Torque [N m] of joint ``at.joint``, over the array namespace ``xp``; see the module's first lines."""
-        raise InputError(f"effect {self.name} has no law of its own: it is part of the rigid body or of the reading")
-
-    def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
-        """Distance s [rad] of the memory that ``at.z`` holds, or None where the law has none."""
-        return None
-
+    # -- the regressor ------------------------------------------------------------------------------------------------
     def at_term(self, term: Term, x: Array, robot: Robot) -> tuple[dict[str, float], dict[str, Any]]:
         """Published parameters and settings of coordinates ``x``, as the law takes them."""
         return self.parameters_of(x, robot, term), term.options
@@ -282,13 +243,6 @@ class Family(Declared, ABC):
                 at = motion.state(joint, partner, self.uses_load)
                 out[:, joint if len(rows) > 1 else 0, k] = self.along(at, parameters, settings)
         return out if len(rows) > 1 else out[:, 0]
-
-    def along(self, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Array:
-        """The law (T,) over one run, rows in the order of time: its memory runs along."""
-        displacement = self.presliding(parameters, settings)
-        if displacement is not None:
-            at = replace(at, z=presliding_sign(at.own_q, displacement))
-        return np.broadcast_to(self.law(np, at, parameters, settings), np.shape(at.own_dq)).astype(float)
 
     def refined_at(self, term: Term) -> tuple[Refined, ...]:
         """Numbers among the settings of ``term`` that were fitted: what they leave open the parameters share."""
@@ -322,14 +276,6 @@ class Family(Declared, ABC):
         return []
 
     # -- published parameters -----------------------------------------------------------------------------------------
-    def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
-        """Keys of the published parameters of an effect with ``settings``, in order."""
-        return tuple(p.name for p in self.parameters)
-
-    def unit(self, key: str, settings: Mapping[str, Any]) -> str:
-        """Unit of the published parameter ``key`` (``"name"`` or ``"joint/name"``)."""
-        return {p.name: p.unit for p in self.parameters}[split_key(key)[1]]
-
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         """Published parameters of coordinates ``x`` (p,) at ``term``; nonlinear ones come from its settings."""
         linear = [p.name for p in self.parameters if p.name not in {r.name for r in self.nonlinear_settings}]
@@ -340,10 +286,6 @@ class Family(Declared, ABC):
         """Inverse of :meth:`parameters_of`."""
         refined = {r.name for r in self.nonlinear_settings}
         return np.array([parameters[p.name] for p in self.parameters if p.name not in refined])
-
-    def setting_values(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        """Nonlinear parameters of published ones, as they stand in a term's settings."""
-        return {r.name: float(parameters[r.name]) for r in self.nonlinear_settings}
 
     def left_open(self, term: Term, loose: NDArray[np.bool_]) -> list[str]:
         """Keys of the published parameters that the ``loose`` coordinates (p,), left to the prior, leave open."""

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.effects.base import FROM_JOINT, Family, Term, register
+from hybrid_dynamics.effects.base import Family, Term, register
+from hybrid_dynamics.effects.law import FROM_JOINT
 from hybrid_dynamics.effects.sign import WIDTH, sign_of
 from hybrid_dynamics.effects.state import Equivalence, Parameter, State
 from hybrid_dynamics.errors import InputError

@@ -39,7 +39,11 @@ def balanced(judge: Judge, current: Sequence[Term], among: Sequence[Term] | None
 
 
 def _farthest(judge: Judge, current: Sequence[Term]) -> float:
-    """The largest change of a body that a fit of ``current`` makes, in plausible ones; 0 without bodies."""
+    """The largest change of a body that a fit of ``current`` makes, in its family's prior scale; 0 without bodies.
+
+    All ten numbers of every body count, a tool's and those of all links too: is any of it out of all proportion? Not
+    :func:`.widen.beyond_belief`, which asks of one link whether its own description could be so wrong.
+    """
     evidence, most = judge.evidence, 0.0
     if not any(t.family().is_body for t in current):
         return most

@@ -95,9 +95,10 @@ def predict(
     """The torque ``model`` predicts along ``log`` (``q``, ``dq`` where it has it; its torque is only compared with).
 
     ``log`` has its own stamps, even or not. Single samples that stand alone are left out (interpolated) and told, as
-    the loop leaves them out: one of them would spread over a filter's window. With ``parts`` the share of each effect
-    is told, in the order of the model; with ``uncertainty`` the band. Raises :class:`InputError` where the log does
-    not fit the robot.
+    the loop leaves them out: one of them would spread over a filter's window. Whether the log can be of this robot is
+    not asked here but by :func:`hybrid_dynamics.check.checked_log`, as the command does first. With ``parts`` the share
+    of each effect is told, in the order of the model; with ``uncertainty`` the band. Raises :class:`InputError` where
+    the log does not fit the robot.
 
     >>> from hybrid_dynamics import Model, Robot, predict, read_log
     >>> robot = Robot.from_urdf("robot.urdf")

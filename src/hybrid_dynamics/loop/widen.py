@@ -56,7 +56,10 @@ def widened(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
 def beyond_belief(judge: Judge, chosen: Sequence[Term], x: Array) -> float:
     """Largest change of a link's mass or first moment by single bodies of ``chosen`` at ``x``, in plausible changes.
 
-    A link's mass or centre alone (``link_mass``, ``link_com``) is no body of ten numbers and is not looked at.
+    Plausible is what the link's own description makes so: a light one may change by little. A link's mass or centre
+    alone (``link_mass``, ``link_com``) is no body of ten numbers and is not looked at, a tool has no description to
+    differ from, and all links together are what this is asked in favour of. Not the measure of :mod:`.balanced`, which
+    takes all ten numbers of every body, those of a link against one scale for any robot.
     """
     evidence = judge.evidence
     layout = evidence.layout(chosen)

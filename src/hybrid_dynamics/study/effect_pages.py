@@ -61,7 +61,7 @@ def index() -> str:
         "",
         "One page a family, written from its module in `src/hybrid_dynamics/effects/` by "
         "`python -m hybrid_dynamics.study.effect_pages docs/effects`. What a family offers the loop, the simulation "
-        "and the exports is said in `effects/base.py`.",
+        "and the exports is said in `effects/law.py` and `effects/base.py`.",
         "",
         "| effect | the torque the drive must add | parameters |",
         "|---|---|---|",

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hybrid_dynamics.effects import family
-from hybrid_dynamics.effects.base import FROM_JOINT
+from hybrid_dynamics.effects.law import FROM_JOINT
 from hybrid_dynamics.loop.diagnosis import Change, Diagnosis, NamedEffect
 from hybrid_dynamics.loop.model import effect_to_json
 

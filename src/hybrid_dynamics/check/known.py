@@ -1,0 +1,117 @@
+"""Signs and orders of columns under which a completed model explains the torque as it is, nothing fitted.
+
+:mod:`.torque` leaves open what a robot may have beyond its description: a spring or a tool looks like a torque turned
+round, a coupling like columns exchanged. A completed model leaves nothing of that open. Where it misses the log as it
+stands and hits it once a column is turned round or exchanged, the log is what is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from hybrid_dynamics.check.columns import columns_of, standing
+from hybrid_dynamics.check.completed import Completed, body_of, true_stretches
+from hybrid_dynamics.check.cures import exchanged, reordered, turned
+from hybrid_dynamics.check.findings import Finding
+from hybrid_dynamics.check.forms import FLOOR
+from hybrid_dynamics.check.guess import few_rows
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array
+
+#: Shares of a joint's mean square: missed from here on, hit up to here; no joint may get worse by more than the last.
+MISSED, HIT, WORSE = 0.3, 0.05, 0.02
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """``signals`` of ``joints`` (0-based) among ``n`` are exchanged (two joints) or turned round."""
+
+    n: int
+    joints: tuple[int, ...] = ()
+    signals: tuple[str, ...] = ()
+    exchanged: bool = False
+
+    @property
+    def source(self) -> list[int]:
+        """Which torque column is each joint's own."""
+        moved = self.exchanged and "tau" in self.signals
+        return exchanged(self.n, *self.joints) if moved else list(range(self.n))
+
+    @property
+    def sign(self) -> list[int]:
+        """That of each joint's torque."""
+        flipped = self.joints if "tau" in self.signals and not self.exchanged else ()
+        return [-1 if j in flipped else 1 for j in range(self.n)]
+
+    @property
+    def moved(self) -> dict[str, Any]:
+        """What happens to the positions, for :func:`columns_of`."""
+        if "q" not in self.signals:
+            return {}
+        return {"swap": self.joints} if self.exchanged else {"mirror": self.joints[0]}
+
+
+def check_known(model: Robot | Completed, runs: Sequence[Trajectory]) -> list[Finding]:
+    """A hard finding where ``model`` hits the torque of ``runs`` (``q tau`` on uniform grids) read otherwise only."""
+    parts = few_rows(true_stretches(model, runs))
+    if not parts:
+        return []
+    gravity = standing(body_of(model))
+    names = body_of(model).joint_names
+
+    def left(reading: _Reading) -> Array:
+        columns = columns_of(model, parts, **reading.moved)
+        tau = columns.tau[:, reading.source]
+        off = tau * reading.sign - np.column_stack([columns.model(j, gravity) for j in range(len(names))])
+        power = np.mean(tau**2, axis=0)
+        return np.asarray(np.where(power > 0, np.mean(off**2, axis=0) / np.maximum(power, 1e-300), 0.0))
+
+    told = left(_Reading(len(names)))
+    if not np.any(told > MISSED):
+        return []
+    tried = [(reading, left(reading)) for reading in _readings(len(names))]
+    reading, best = min(tried, key=lambda pair: float(np.sum(np.log(pair[1] + FLOOR))))
+    better = told - best > MISSED
+    if not better.any() or np.any(best[better] > HIT) or np.any(best > told + WORSE):
+        return []
+    return [_finding(reading, names, float(told[better].max()), float(best[better].max()))]
+
+
+def _readings(n: int) -> Iterator[_Reading]:
+    every = ("tau",), ("q", "dq"), ("q", "dq", "tau")
+    for signals in every:
+        yield from (_Reading(n, (j,), signals) for j in range(n))
+        yield from (_Reading(n, pair, signals, exchanged=True) for pair in combinations(range(n), 2))
+    if n > 1:
+        yield _Reading(n, tuple(range(n)), ("tau",))
+
+
+def _finding(reading: _Reading, names: Sequence[str], before: float, after: float) -> Finding:
+    joints = [names[j] for j in reading.joints]
+    what = {
+        ("tau",): "the measured torque",
+        ("q", "dq"): "the position",
+        ("q", "dq", "tau"): "position and torque",
+    }[reading.signals]
+    shares = f"the model leaves {before:.0%} of the mean square as it stands, {after:.0%} so"
+    if reading.exchanged:
+        text = (
+            f"{what} of {joints[0]} and {joints[1]} are exchanged ({shares}); expected the columns in the order of the "
+            "URDF's joints: exchange the columns"
+        )
+        cure = reordered(exchanged(len(names), *reading.joints), reading.signals)
+        return Finding("joint_order", "hard", text, joint=joints[0], suggestion=cure)
+    whose = "of every joint " if len(joints) > 1 else ""
+    text = (
+        f"{what} {whose}turned round ({shares}); expected the signs of the URDF's axes, and the torque the drive "
+        f"delivers: flip the sign of {' and '.join(s for s in reading.signals if s != 'dq')}"
+    )
+    code = "position_sign" if "q" in reading.signals else "torque_sign"
+    cure = turned(len(names), reading.joints, reading.signals)
+    return Finding(code, "hard", text, joint=joints[0] if len(joints) == 1 else "", suggestion=cure)
