@@ -23,6 +23,8 @@ from hybrid_dynamics.types import Array
 
 #: A family must surely sit on at least this many joints, and on half of those that move, to be common.
 FEWEST_COMMON = 3
+#: The gain of a coefficient is as sure as half its standard errors.
+TWICE = 2.0
 #: Relative distance within which a coordinate stands on its bound.
 BOUND = 1e-6
 
@@ -113,8 +115,8 @@ def keep_sure(
     The noise is what the model leaves before anything is dropped: otherwise the misfit that one drop leaves behind
     would drown the next. What is kept by its gain must be of practical size in the end, too. A family that is common
     was looked at once; on each further joint it is one of n. The gain of a coefficient of z standard errors is about
-    z / 2 of its own, so the rule asks for twice as sure a coefficient; of friction, offset and armature, which every
-    arm has, a coefficient at the level itself is enough.
+    z / 2 of its own, so the rule asks for twice as sure a coefficient, of the gain or of itself; of friction, offset
+    and armature, which every arm has, a coefficient at the level itself is enough.
     """
     evidence = judge.evidence
     kept = list(current)
@@ -138,7 +140,9 @@ def keep_sure(
             level = judge.level(evidence.n if expected else looked, gain.blocks)
             size = sizes.get(term, 0.0)
             shows = judge.matters(term, gain.per_joint, judge.settings.keep_share, gain.surer_than(DECISIVE))
-            sure = gain.surer_than(level) and shows and not judge.nibbles(term, gain, full, NIBBLE_KEPT)
+            # Slow noise makes few blocks of many, and the gain less sure than what it is the gain of.
+            known = size > TWICE * level and gain.surer_than(judge.settings.gain_in_errors)
+            sure = (gain.surer_than(level) or known) and shows and not judge.nibbles(term, gain, full, NIBBLE_KEPT)
             # What every joint of a real arm has needs no more than a coefficient as sure as that, and a gain at all.
             plain = term.family().everywhere and size > level and gain.surer_than(judge.settings.gain_in_errors)
             if term in forced:
