@@ -17,7 +17,8 @@ from hybrid_dynamics.loop.further import merge_forms, simplify_bodies
 from hybrid_dynamics.loop.narrow import narrowed
 from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.prepare import gather, read_motion
-from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.prune import _common
+from hybrid_dynamics.loop.trace import Gain, Judge
 from hybrid_dynamics.loop.widen import widened
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.excitation import excitations
@@ -211,3 +212,15 @@ def test_three_causes_take_the_place_of_all_links_where_no_two_do() -> None:
     judge = judge.adding(found).at(found)
     full = judge.evidence.held(found, physical=True)
     assert all(judge.news(full, judge.evidence.held([t for t in found if t != o])).surer_than(1.0) for o in found)
+
+
+def test_harmonics_of_one_joint_are_no_cause_of_all_joints() -> None:
+    robot = _chain(3)
+    judge, _ = _of_chain(robot, [])
+    waves = [Term("torque_ripple", 0, (("harmonic", h),)) for h in (7.0, 14.0, 21.0)]
+    dry = [Term("coulomb_friction", j) for j in range(3)]
+    judge = judge.adding([*waves, *dry])
+    sure = Gain(1e4, 1.0, np.ones(3), 50)
+    assert _common(judge, waves, dict.fromkeys(waves, sure), 50) == set()
+    # Control: what surely sits on all three joints is one.
+    assert _common(judge, dry, dict.fromkeys(dry, sure), 50) == {"coulomb_friction"}

@@ -173,7 +173,8 @@ def _common(judge: Judge, current: Sequence[Term], gains: dict[Term, Gain], look
     sure: Counter[str] = Counter()
     unsure: dict[str, list[Term]] = {}
     for term, gain in gains.items():
-        if term.joint is None:
+        # A ripple's harmonic is sought anew on every joint, and a joint may have two.
+        if term.joint is None or term.family().several:
             continue
         if gain.surer_than(judge.level(looked, gain.blocks)):
             sure[term.effect] += 1
