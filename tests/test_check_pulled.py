@@ -107,3 +107,16 @@ def test_no_body_excuses_a_joint_that_is_counted_the_other_way(panda, joint, tor
     turn = np.where(np.arange(7) == joint, -1.0, 1.0)
     signals = {"q": run["q"] * turn, **({"tau": run["tau"] * turn} if torque else {})}
     assert _hard(panda, run.with_signals(**signals)) == ["position_sign"]
+
+
+def test_a_link_with_its_weight_on_the_other_side_is_no_torque_turned_round(panda):
+    """Seen on a wrist of the WAM, too: a run of a few seconds was refused."""
+    own = panda.model.inertias[panda.joint_ids[5]]
+    side = dict(zip(("com_x", "com_y", "com_z"), (-2.5 * np.asarray(own.lever)).tolist(), strict=True))
+    block = {f"inertia_{e}": 0.025 * (e[0] == e[1]) for e in ("xx", "xy", "yy", "xz", "yz", "zz")}
+    link = Effect("link_inertia", (JOINTS[5],), {"mass": 2.5 * own.mass, **side, **block})
+    run = excitation(panda, [link], duration=6.0, rate=100.0, seed=3)
+    assert _hard(panda, run) == []
+    # Control: friction that is turned round is of no body.
+    run = excitation(panda, _friction(0.3), duration=6.0, rate=100.0, seed=3)
+    assert _hard(panda, run.with_signals(tau=run["tau"] * np.where(np.arange(7) == 5, -1, 1))) == ["torque_sign"]

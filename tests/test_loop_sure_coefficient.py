@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from tests.small_arm import arm, noisy_log
@@ -35,8 +36,8 @@ def test_a_coefficient_or_its_gain_must_be_sure(
     assert 4.5 < judge.level(LOOKED, BLOCKS) < 6.0
     worth = Judge.worth
 
-    def measured(self: Judge, *args: object, **kwargs: object) -> Gain:
-        own = worth(self, *args, **kwargs)  # type: ignore[arg-type]
+    def measured(self: Judge, *args: Any, **kwargs: Any) -> Gain:
+        own = worth(self, *args, **kwargs)
         return replace(own, error=own.total / gain, blocks=BLOCKS)
 
     monkeypatch.setattr(Judge, "worth", measured)

@@ -154,10 +154,9 @@ def _signs(robot: Robot, told: Guess, best: Guess, columns: Columns, forms: Form
             f"{what} the wrong sign ({shares_of(told, best, moved)}): the log counts it against the joint's axis in "
             f"the URDF; set the sign of {'q and tau' if both else 'q'} to -1, or turn the axis in the URDF"
         )
-        after = left_of(best.scores[j])
         # Where much is left either way the sign is no more than nearer to what is missing.
         heavy = not pulled and (
-            after >= UNEXPLAINED or body_leaves(robot, q, columns, told.gravity, j) <= max(after, SETTLED)
+            left_of(best.scores[j]) >= UNEXPLAINED or _heavy(robot, columns, q, told, best, j, SETTLED)
         )
         doubtful = pulled or heavy
         if doubtful:
@@ -178,7 +177,12 @@ def _signs(robot: Robot, told: Guess, best: Guess, columns: Columns, forms: Form
                 suggestion=turned(len(names), flipped, ["tau"]),
             )
         ]
-    shown = {j: _shows_its_sign(columns, forms, best, j) and not _pulled(columns, q, told, best, j) for j in flipped}
+    shown = {
+        j: _shows_its_sign(columns, forms, best, j)
+        and not _pulled(columns, q, told, best, j)
+        and not _heavy(robot, columns, q, told, best, j)
+        for j in flipped
+    }
     return [_one_sign(names, told, best, j, shown[j]) for j in flipped]
 
 
@@ -187,10 +191,19 @@ def _pulled(columns: Columns, q: Array, told: Guess, best: Guess, j: int) -> boo
     return spring_leaves(columns, q[:, j], told.gravity, j) <= max(left_of(best.scores[j]), SETTLED)
 
 
+def _heavy(robot: Robot, columns: Columns, q: Array, told: Guess, best: Guess, j: int, settled: float = 0.0) -> bool:
+    """Whether one body that joint ``j`` carries and that weighs otherwise explains as well as the better guess, or
+    leaves no more than ``settled``.
+
+    A torque that is turned round has its friction turned round, which no body has.
+    """
+    return body_leaves(robot, q, columns, told.gravity, j) <= max(left_of(best.scores[j]), settled)
+
+
 def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, shown: bool) -> Finding:
     """The torque of joint ``j`` alone: certain only where its sign is ``shown`` and the other leaves little over.
 
-    A spring on a light wrist looks more like its torque turned round than like its torque; neither explains it.
+    A spring or a heavy tool on a light wrist looks more like its torque turned round than like its torque.
     """
     certain = shown and told.scores[j] - best.scores[j] >= CERTAIN and left_of(best.scores[j]) < SETTLED
     return Finding(
