@@ -18,6 +18,7 @@ from hybrid_dynamics.effects import Family, Motion, Term, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
+from hybrid_dynamics.loop.prune import impossible
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge, covers, joined, same_place
 
@@ -214,7 +215,8 @@ def first_as_good(judge: Judge, chosen: list[Term], trials: Sequence[list[Term]]
             continue
         there = there.adding(chosen)
         own, full = (there.evidence.held(terms, physical=True) for terms in (trial, chosen))
-        if there.as_good(own, full) and there.spares(own, full):
+        good = there.as_good(own, full) and there.spares(own, full)
+        if good and not any(t not in chosen for t in impossible(there, trial)):
             return there, trial
     return judge, chosen
 

@@ -13,8 +13,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects.acting import readings
 from hybrid_dynamics.effects.inertia import cannot_be
-from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.augment import effects_of, refit
+from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
 from hybrid_dynamics.loop.tangents import covariance_with_settings
@@ -25,6 +27,8 @@ from hybrid_dynamics.types import Array
 FEWEST_COMMON = 3
 #: The gain of a coefficient is as sure as half its standard errors.
 TWICE = 2.0
+#: Limits of a URDF are known to about this [rad].
+OUTSIDE = 0.2
 #: Relative distance within which a coordinate stands on its bound.
 BOUND = 1e-6
 
@@ -233,19 +237,33 @@ def in_errors(judge: Judge, current: Sequence[Term], x: Array) -> dict[Term, flo
 
 
 def impossible(judge: Judge, current: Sequence[Term]) -> list[Term]:
-    """Those of ``current`` that change a single body by more than can be."""
-    if not any(term.family().changes_body for term in current):
+    """Those of ``current`` that cannot be: a single body changed by more than a body is, a zero that puts the joint far
+    outside its limits."""
+    if not any(t.family().changes_body or t.family().changes_reading for t in current):
         return []
     evidence = judge.evidence
     x, layout, robot = evidence.fit(current), evidence.layout(current), evidence.robot
-    return [
-        term
-        for term, start in zip(layout.terms, layout.starts, strict=True)
-        if any(
-            cannot_be(robot, change)
-            for change in term.family().inertial_changes(x[start : start + term.size], robot, term)
-        )
-    ]
+    out = []
+    for term, start in zip(layout.terms, layout.starts, strict=True):
+        own = x[start : start + term.size]
+        bodies = term.family().inertial_changes(own, robot, term)
+        if any(cannot_be(robot, change) for change in bodies) or _outside(evidence, term, own):
+            out.append(term)
+    return out
+
+
+def _outside(evidence: Evidence, term: Term, x: Array) -> bool:
+    """True where coordinates ``x`` (p,) of ``term`` put a joint by :data:`OUTSIDE` further outside the limits of the
+    URDF than it is read; limits of zero width count as not given."""
+    if not term.family().changes_reading:
+        return False
+    robot = evidence.robot
+    offset = readings(robot, effects_of(evidence, [term], x)).offset
+    low, high = robot.position_limits
+    q = np.concatenate([run.q for run in evidence.runs])
+    given, least, most = low < high, q.min(axis=0), q.max(axis=0)
+    read, there = (np.maximum(np.maximum(low - least - o, most + o - high), 0.0) for o in (0.0, offset))
+    return bool(np.any(given & (there > read + OUTSIDE)))
 
 
 def _forced(judge: Judge, current: Sequence[Term]) -> set[Term]:
