@@ -13,7 +13,7 @@ from hybrid_dynamics.effects.sign import AT_REST
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.alternatives import _several_for_one
 from hybrid_dynamics.loop.complete import complete
-from hybrid_dynamics.loop.further import merge_forms, simplify_bodies
+from hybrid_dynamics.loop.further import merge_forms, reshaped, simplify_bodies
 from hybrid_dynamics.loop.narrow import narrowed
 from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.prepare import gather, read_motion
@@ -58,6 +58,15 @@ def test_a_spring_on_a_crank_beside_an_offset_is_a_linear_spring_where_that_does
     crank = Effect("joint_spring", (ELBOW,), {"stiffness": 8.0, "rest_position": 0.1}, {"shape": "sine"})
     judge, _ = _judged(crank, Effect("torque_offset", (ELBOW,), {"offset": 3.0}), seed=seed)
     assert set(merge_forms(judge, [OFFSET, SINE])[1]) == {OFFSET, SINE}
+
+
+@pytest.mark.parametrize(("true", "offered"), [(LINEAR, SINE), (SINE, LINEAR)], ids=["linear", "crank"])
+def test_a_spring_takes_the_form_that_is_there_whichever_was_offered(true: Term, offered: Term) -> None:
+    judge, _ = _judged(Effect("joint_spring", (ELBOW,), {"stiffness": 8.0, "rest_position": 0.1}, true.options))
+    dry = Term("coulomb_friction", 0)
+    there, found = reshaped(judge.adding([dry]), [dry, offered])
+    assert found == [dry, true]
+    assert there.evidence.held(found).score < there.adding([offered]).evidence.held([dry, offered]).score
 
 
 def _friction(up: float, down: float) -> Effect:

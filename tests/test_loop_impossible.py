@@ -13,13 +13,15 @@ from tests.test_loop_beside import ROBOT, SHOULDER, judged
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import cannot_be, link_parameters, pseudo_inertia_basis, to_body
-from hybrid_dynamics.loop import alternatives, prune
+from hybrid_dynamics.loop import LoopSettings, Model, alternatives, prune
 from hybrid_dynamics.loop import find as find_module
 from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.solve import _TRIANGLE
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.simulation.excitation import excitations
 
 LINK, SPRING = Term("link_inertia", 0), Term("joint_spring", 0, (("shape", "linear"),))
 HIDDEN = Effect("joint_spring", (SHOULDER,), {"stiffness": 30.0, "rest_position": 0.0}, {"shape": "linear"})
@@ -126,3 +128,18 @@ def test_a_body_in_the_solvers_triangle_has_the_products_of_its_matrix(numbers: 
     basis = np.array(pseudo_inertia_basis())
     matrices = [np.einsum("k,kij->ij", x, basis) for x in (one, other)]
     assert (_TRIANGLE @ one) @ (_TRIANGLE @ other) == pytest.approx(np.trace(matrices[0] @ matrices[1]), abs=1e-9)
+
+
+@pytest.mark.parametrize(("offset", "gone"), [(0.6, True), (-0.6, True), (0.1, False)])
+def test_a_zero_that_puts_a_joint_far_outside_its_limits_cannot_be(offset: float, gone: bool) -> None:
+    zero, wide = Term("position_offset", 1), 'lower="-2.5" upper="2.5"'
+    hidden = Effect("position_offset", (ROBOT.joint_names[1],), {"offset": offset})
+    train, test = excitations(ROBOT, [hidden], train=2, test=1, duration=6.0, rate=200.0)
+    read = np.concatenate([run["q"][:, 1] for run in train])
+    # Limits that what is read keeps, and wider ones.
+    narrow = f'lower="{read.min():.4f}" upper="{read.max():.4f}"'
+    for limits, left in ((narrow, [zero] if gone else []), ('lower="-4" upper="4"', [])):
+        before, after = URDF.rsplit(wide, 1)
+        robot, settings = Robot.from_text(before + limits + after, "arm"), LoopSettings()
+        judge, _, _ = gather(Model(robot), read_motion(robot, train, test, settings), settings)
+        assert prune.impossible(judge.adding([zero]).at([zero]), [zero]) == left

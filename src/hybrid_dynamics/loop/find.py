@@ -18,7 +18,15 @@ from hybrid_dynamics.loop.contact import run_by_run, worse_with
 from hybrid_dynamics.loop.contact import wanted as wanted_contact
 from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.forms import choose_forms
-from hybrid_dynamics.loop.further import at_the_end, further_candidates, merge_forms, refine, simplify, simplify_bodies
+from hybrid_dynamics.loop.further import (
+    at_the_end,
+    further_candidates,
+    merge_forms,
+    refine,
+    reshaped,
+    simplify,
+    simplify_bodies,
+)
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.narrow import narrowed
@@ -225,7 +233,7 @@ def _as_few_bodies(
 
 def _in_simplest_form(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """``chosen`` in the plainest laws that do as well, and the judge there."""
-    return choose_forms(*slow_signs(*merge_forms(*simplify(judge, chosen, candidates))))
+    return choose_forms(*slow_signs(*merge_forms(*simplify(*reshaped(judge, chosen), candidates))))
 
 
 def _refined(

@@ -19,7 +19,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.prune import impossible
-from hybrid_dynamics.loop.search import take
+from hybrid_dynamics.loop.search import better_settings, take
 from hybrid_dynamics.loop.trace import Judge, covers, joined, same_place
 
 #: Of the squared noise by second differences, the share by which a joint must exceed it to be asked further.
@@ -167,6 +167,28 @@ def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -
         if good and (there := take(judge, out, best)) is not None:
             judge, out = there, best
     return judge, out
+
+
+def reshaped(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with every law of the further families in that of its forms that predicts held-out rows best; and the
+    judge there.
+
+    A search is offered the form alone that was best when the law was proposed, beside what was still missing then.
+    """
+    out, robot, options = list(chosen), judge.evidence.robot, judge.settings.options
+    forms: list[Term] = []
+    for term in out:
+        kind = term.family()
+        if term.joint is None or kind.searched or kind.nonlinear_settings or judge.evidence.in_base(term):
+            continue
+        here = np.arange(judge.evidence.n) == term.joint
+        forms += [c for c in kind.terms(robot, here, options) if same_place(c, term) and c != term]
+    if not forms:
+        return judge, out
+    judge = judge.at(out).adding(forms)
+    best = better_settings(judge, out, forms)
+    there = take(judge, out, best) if best != out else None
+    return (judge, out) if there is None else (there, best)
 
 
 def merge_forms(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
