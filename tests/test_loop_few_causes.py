@@ -9,9 +9,11 @@ import pytest
 from tests.small_arm import arm, noisy_log
 
 from hybrid_dynamics.effects import Effect, State, Term, family, predict
+from hybrid_dynamics.effects.inertia import link_parameters, to_body
 from hybrid_dynamics.effects.sign import AT_REST
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.alternatives import _several_for_one
+from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.further import merge_forms, reshaped, simplify_bodies
 from hybrid_dynamics.loop.narrow import narrowed
@@ -233,3 +235,14 @@ def test_harmonics_of_one_joint_are_no_cause_of_all_joints() -> None:
     assert _common(judge, waves, dict.fromkeys(waves, sure), 50) == set()
     # Control: what surely sits on all three joints is one.
     assert _common(judge, dry, dict.fromkeys(dry, sure), 50) == {"coulomb_friction"}
+
+
+def test_a_body_gives_way_to_the_gain_of_a_joint_that_carries_it() -> None:
+    robot = _chain(3)
+    body, gain = Term("link_inertia", 1), Term("torque_gain", 0)
+    judge, _ = _of_chain(robot, [Effect("torque_gain", (robot.joint_names[0],), {"gain": 1.1})])
+    assert cheaper(judge.adding([body]), [body])[1] == [gain]
+    # Control: a body that is there loads its own joint, too.
+    heavier = to_body(link_parameters(robot, 1) * 1.3)
+    judge, _ = _of_chain(robot, [Effect("link_inertia", (robot.joint_names[1],), heavier)])
+    assert cheaper(judge.adding([body]), [body])[1] == [body]

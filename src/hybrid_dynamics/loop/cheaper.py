@@ -16,10 +16,15 @@ from hybrid_dynamics.effects import Family, Term, family
 from hybrid_dynamics.loop.further import first_as_good
 from hybrid_dynamics.loop.trace import Judge, same_place
 
+#: A reading of another joint is re-fitted where it leaves at most this multiple of what the body leaves.
+FAR = 1.5
+
 
 def cheaper(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """``chosen`` with every effect of a joint as a wrong reading that it is alike to, where that costs less and
     predicts held-out rows as well where its own re-fit stands; and the judge there. The cheapest first.
+
+    A body loads every joint that carries it, and may stand for a wrong reading of any of them.
 
     What the starting model has stays as it is: what is found then is its change.
     """
@@ -35,9 +40,15 @@ def cheaper(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
             continue
         judge = judge.adding(offered)
         held = judge.evidence.held
-        trials = [[c if t == term else t for t in out] for c in offered]
-        trials.sort(key=lambda trial: (judge.price(*trial), held(trial, physical=True).score, repr(trial)))
-        judge, out = first_as_good(judge, out, trials)
+        limit, trials = FAR * held(out, physical=True).score, []
+        for c in offered:
+            trial = [c if t == term else t for t in out]
+            score = held(trial, physical=True).score
+            # Of its own joint a wrong zero may look far worse from where the other law stands.
+            if score <= limit or c.joint == term.joint:
+                trials.append((judge.price(*trial), score, repr(trial), trial))
+        trials.sort(key=lambda entry: entry[:3])
+        judge, out = first_as_good(judge, out, [trial for *_, trial in trials])
     return judge, out
 
 
@@ -49,14 +60,16 @@ def _alike(judge: Judge, term: Term) -> Iterator[Term]:
     """
     own = term.family()
     parts = [own, *(family(name) for name in own.contains if own.is_body)]
-    here = np.arange(judge.evidence.n) == term.joint
+    joints = np.arange(judge.evidence.n)
+    here = joints <= term.index if own.is_body else joints == term.index
     for name in (*judge.settings.families, *judge.settings.further):
         kind = family(name)
         if not kind.changes_reading or kind.nonlinear_settings:
             continue
         if not any(_says(kind, part.name) or _says(part, name) for part in parts):
             continue
-        yield from (c for c in kind.terms(judge.evidence.robot, here, judge.settings.options) if c.joint == term.joint)
+        listed = kind.terms(judge.evidence.robot, here, judge.settings.options)
+        yield from (c for c in listed if c.joint is not None and here[c.joint])
 
 
 def _says(kind: Family, name: str) -> bool:
