@@ -175,20 +175,26 @@ def reshaped(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
 
     A search is offered the form alone that was best when the law was proposed, beside what was still missing then.
     """
-    out, robot, options = list(chosen), judge.evidence.robot, judge.settings.options
+    out = list(chosen)
     forms: list[Term] = []
     for term in out:
         kind = term.family()
         if term.joint is None or kind.searched or kind.nonlinear_settings or judge.evidence.in_base(term):
             continue
-        here = np.arange(judge.evidence.n) == term.joint
-        forms += [c for c in kind.terms(robot, here, options) if same_place(c, term) and c != term]
+        forms += [c for c in _listed(judge, term) if c != term]
     if not forms:
         return judge, out
     judge = judge.at(out).adding(forms)
     best = better_settings(judge, out, forms)
     there = take(judge, out, best) if best != out else None
     return (judge, out) if there is None else (there, best)
+
+
+def _listed(judge: Judge, term: Term) -> list[Term]:
+    """The forms of ``term``, of one joint, that its family lists; its own among them unless a parameter was refined."""
+    here = np.arange(judge.evidence.n) == term.joint
+    listed = term.family().terms(judge.evidence.robot, here, judge.settings.options)
+    return [c for c in listed if same_place(c, term)]
 
 
 def merge_forms(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -203,10 +209,8 @@ def merge_forms(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]
     for term in chosen:
         if term not in out or term.joint is None:
             continue
-        here = np.arange(judge.evidence.n) == term.joint
-        listed = term.family().terms(judge.evidence.robot, here, judge.settings.options)
         rest = [t for t in out if t != term]
-        forms = [c for c in listed if c.place == term.place and any(covers(c, t) for t in rest)]
+        forms = [c for c in _listed(judge, term) if any(covers(c, t) for t in rest)]
         trials = [joined(rest, c) for c in forms]
         judge = judge.adding(forms)
         trials = sorted(trials, key=lambda t: (judge.evidence.held(t).score, repr(t[-1])))

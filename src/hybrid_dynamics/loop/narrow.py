@@ -108,10 +108,15 @@ def _in_their_place(
         if there is None or beyond_belief(there, trial, there.evidence.fit(trial)) > BELIEVED:
             continue
         there = there.adding(together)
-        few, all_of_them = (there.evidence.held(terms, physical=True) for terms in (trial, together))
-        if there.spares(few, all_of_them) and not there.news(all_of_them, few).surer_than(BETTER):
+        if _as_well(there, trial, together):
             return _without_idle(there, trial, some)
     return None
+
+
+def _as_well(judge: Judge, few: Sequence[Term], many: Sequence[Term]) -> bool:
+    """Whether ``few`` cost no joint much, and ``many`` do not predict held-out samples surely better."""
+    own, full = (judge.evidence.held(terms, physical=True) for terms in (few, many))
+    return judge.spares(own, full) and not judge.news(full, own).surer_than(BETTER)
 
 
 def _without_idle(judge: Judge, trial: Sequence[Term], some: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -124,7 +129,6 @@ def _without_idle(judge: Judge, trial: Sequence[Term], some: Sequence[Term]) -> 
         if there is None:
             continue
         there = there.adding(out)
-        own, full = (there.evidence.held(terms, physical=True) for terms in (rest, out))
-        if there.spares(own, full) and not there.news(full, own).surer_than(BETTER):
+        if _as_well(there, rest, out):
             judge, out = there, rest
     return judge, out

@@ -259,9 +259,13 @@ def _outside(evidence: Evidence, term: Term, x: Array) -> bool:
         return False
     robot = evidence.robot
     offset = readings(robot, effects_of(evidence, [term], x)).offset
+    # A gain or a delay moves no joint.
+    if not offset.any():
+        return False
     low, high = robot.position_limits
-    q = np.concatenate([run.q for run in evidence.runs])
-    given, least, most = low < high, q.min(axis=0), q.max(axis=0)
+    least = np.min([run.q.min(axis=0) for run in evidence.runs], axis=0)
+    most = np.max([run.q.max(axis=0) for run in evidence.runs], axis=0)
+    given = low < high
     read, there = (np.maximum(np.maximum(low - least - o, most + o - high), 0.0) for o in (0.0, offset))
     return bool(np.any(given & (there > read + OUTSIDE)))
 
