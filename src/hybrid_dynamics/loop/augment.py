@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,16 +53,25 @@ def effects_of(evidence: Evidence, terms: Sequence[Term], x: Array, covariance: 
 
 @dataclass(frozen=True)
 class Refit:
-    """The coordinates ``x`` of a model with ``terms`` that was re-fitted, and the ``evidence`` as of that model."""
+    """The coordinates ``x`` of a model with ``terms`` that was re-fitted, which leaves ``left`` (K, n) [N m] of every
+    run where that was asked for; ``before``: the evidence whose fit it is."""
 
-    evidence: Evidence
+    before: Evidence
     terms: tuple[Term, ...]
     x: Array
+    left: tuple[Array, ...] | None = None
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """The evidence as of this model. Who wants the model alone spares its columns."""
+        if self.left is None:
+            return self.before
+        return _tangent(self.before, self.terms, self.x, self.left)
 
     def model(self, covariance: bool = True) -> Model:
         """The completed model: the start and the effects, with their standard errors where these are asked for."""
         own = published_covariance(self.evidence, self.terms, self.x) if covariance else None
-        return self.evidence.base.adding(effects_of(self.evidence, self.terms, self.x, own))
+        return self.before.base.adding(effects_of(self.before, self.terms, self.x, own))
 
 
 def refit(evidence: Evidence, terms: Sequence[Term], rounds: int = 3) -> Refit:
@@ -99,16 +109,13 @@ def _descend(evidence: Evidence, terms: Sequence[Term], rounds: int) -> Refit:
             error = evidence.squared_error(left)
         return left, error if np.isfinite(error) else np.inf
 
-    def tangent(x: Array, left: Sequence[Array]) -> Evidence:
-        return evidence.tangent(effects_of(evidence, terms, x), left, terms, x)
-
     limits = evidence.constraints(evidence.layout(terms))
     start = evidence.squared_error(problem.base_target)
     best = evidence.fit(terms)
     foretold = evidence.squared_error(evidence.residuals(terms, best))
     left, error = exact(best)
     if abs(error - foretold) <= FORETOLD * error <= FORETOLD * start:
-        return Refit(tangent(best, left), tuple(terms), best)
+        return Refit(evidence, tuple(terms), best, left)
     if error > start:
         # The tangent was that of another model: once more from the model without these effects.
         best = evidence.at([], terms).fit(terms)
@@ -119,12 +126,12 @@ def _descend(evidence: Evidence, terms: Sequence[Term], rounds: int) -> Refit:
             best = best / 2
         else:
             left, error = exact(best)
-    evidence = tangent(best, left)
     for _ in range(rounds):
+        evidence = _tangent(evidence, terms, best, left)
         step = evidence.fit(terms) - best
         promised = error - evidence.squared_error(evidence.residuals(terms, best + step))
         for _ in range(HALVINGS):
-            left, trial = exact(best + step)
+            further, trial = exact(best + step)
             if trial <= error:
                 break
             step = step / 2
@@ -133,19 +140,23 @@ def _descend(evidence: Evidence, terms: Sequence[Term], rounds: int) -> Refit:
         # Noise of the motion makes a column (a delay's above all) larger than what it is the derivative of, and steps
         # too short. Only what physics allows: beyond the fit nothing holds the coordinates.
         for _ in range(HALVINGS):
-            further = np.maximum(best + 2 * step, limits.lower)
-            if error - trial <= UNDERSTATED * promised or not limits.satisfied(further):
+            twice = np.maximum(best + 2 * step, limits.lower)
+            if error - trial <= UNDERSTATED * promised or not limits.satisfied(twice):
                 break
-            longer = exact(further)
+            longer = exact(twice)
             if not longer[1] < trial:
                 break
-            step, (left, trial) = further - best, longer
+            step, (further, trial) = twice - best, longer
         settled = trial > (1 - SETTLED) * error
-        best, error = best + step, trial
-        evidence = tangent(best, left)
+        best, left, error = best + step, further, trial
         if settled:
             break
-    return Refit(evidence, tuple(terms), best)
+    return Refit(evidence, tuple(terms), best, left)
+
+
+def _tangent(evidence: Evidence, terms: Sequence[Term], x: Array, left: Sequence[Array]) -> Evidence:
+    """The linear problem that is exact at the coordinates ``x`` of ``terms``, which leave ``left`` of every run."""
+    return evidence.tangent(effects_of(evidence, terms, x), left, terms, x)
 
 
 def model_of(evidence: Evidence, terms: Sequence[Term], covariance: bool = True) -> Model:

@@ -181,14 +181,13 @@ class Columns:
                         torque[:, j] += part @ weight[index]
         return out
 
-    def project(self, layout: Layout, terms: Sequence[Term], torque: Sequence[Array], moving: Moving) -> Array:
-        """Products (K,) of the columns of ``terms`` with ``torque`` (K, n) per run; zero for others of ``layout``."""
-        out = np.zeros(layout.total)
-        for term, start in zip(layout.terms, layout.starts, strict=True):
-            for j, where in enumerate(self._where[term]):
-                if term in terms and where is not None:
-                    for r, own in enumerate(torque):
-                        out[start : start + term.size] += own[:, j] @ self.pick(r, j, where, moving)
+    def project(self, term: Term, torque: Sequence[Array], moving: Moving) -> Array:
+        """Products (p,) of the columns of ``term`` with ``torque`` (K, n) per run, over all joints."""
+        out = np.zeros(term.size)
+        for j, where in enumerate(self._where[term]):
+            if where is not None:
+                for r, own in enumerate(torque):
+                    out += own[:, j] @ self.pick(r, j, where, moving)
         return out
 
     def _parts(self, r: int, j: int, moving: Moving) -> list[tuple[Indices, Array]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hybrid_dynamics.loop.blocks import Folds, Indices
 from hybrid_dynamics.loop.gram import BlockGrams
-from hybrid_dynamics.loop.sums import FoldSums
+from hybrid_dynamics.loop.sums import FoldSums, picked
 from hybrid_dynamics.types import Array
 
 
@@ -34,10 +34,13 @@ class Held:
     ) -> Held:
         """Scores follow from the ``sums`` of products over each fold, joints weighed by ``weights`` (n,)."""
         errors = np.zeros(len(sums.own))
-        for j, grams in enumerate(sums.own):
-            for f, gram in enumerate(grams):
-                v = residual_vector(places[j], coordinates[f], len(gram))
-                errors[j] += max(float(v @ gram @ v), 0.0)
+        x = np.stack(coordinates)
+        for j, (grams, (position, column)) in enumerate(zip(sums.own, places, strict=True)):
+            # Of all columns few are used: the whole product would read all of them.
+            used = np.append(column, grams.shape[-1] - 1)
+            v = np.column_stack([-x[:, position], np.ones(len(x))])
+            forms = np.sum((v[:, None, :] @ picked(grams, used))[:, 0] * v, axis=1)
+            errors[j] = np.maximum(forms, 0.0).sum()
         return cls(tuple(places), tuple(coordinates), errors, float(errors @ weights))
 
     def vector(self, fold: int, joint: int, size: int) -> Array:
@@ -54,7 +57,7 @@ def change_by_block(left: Held, old: Held, new: Held, grams: Sequence[BlockGrams
             own = left.vector(f, j, gram.size)
             change = old.vector(f, j, gram.size) - new.vector(f, j, gram.size)
             for part in parts:
-                out[part, j] = gram.forms(own, change, part)
+                out[part, j] = gram.forms(own, change, part) if change.any() else 0.0
     return out
 
 
