@@ -83,6 +83,15 @@ def test_the_mass_of_another_link_takes_the_place_of_a_body_that_stood_for_it() 
     assert simplify_bodies(judge, [PAYLOAD], terms)[1] == [PAYLOAD]
 
 
+def test_a_mass_takes_the_place_of_a_centre_that_stood_for_it() -> None:
+    centre = Term("link_com", 0)
+    judge, terms = judged([Effect("link_mass", (SHOULDER,), {"mass": 6.0})])
+    assert simplify_bodies(judge.adding([centre]), [centre], terms)[1] == [Term("link_mass", 0)]
+    # A centre that lies elsewhere is no mass.
+    judge, terms = judged([Effect("link_com", (SHOULDER,), FAR)])
+    assert simplify_bodies(judge.adding([centre]), [centre], terms)[1] == [centre]
+
+
 def test_mass_and_centre_of_every_link_are_asked_once() -> None:
     judge, terms = judged([Effect("link_mass", (SHOULDER,), {"mass": 6.0})])
     for term in (Term("link_inertia", 0), PAYLOAD):

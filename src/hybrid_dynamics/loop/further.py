@@ -219,14 +219,17 @@ def merge_forms(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]
 
 
 def simplify_bodies(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
-    """``chosen`` with the mass or the centre of a link in the place of a body that holds it, the cheapest first, where
-    that is as good; and the judge there.
+    """``chosen`` with the mass or the centre of a link in the place of a body that holds it, and a mass in the place of
+    a centre, the cheapest first, where that is as good; and the judge there.
 
     Each is judged where its own re-fit stands: the law of a centre of mass that lies far away is not linear.
     """
     out = list(chosen)
     judge = judge.at(out)
-    for i in [i for i, term in enumerate(out) if term.family().contains and term.family().is_body]:
+    for i, term in enumerate(chosen):
+        kind = term.family()
+        if not (_cheaper_parts(judge, term) or (kind.contains and kind.is_body)):
+            continue
         judge, trials = _trials(judge, out, i, candidates)
         judge, out = first_as_good(judge, out, _best_of_each(judge, trials, i))
     return judge, out
@@ -259,8 +262,9 @@ def _special_cases(judge: Judge, chosen: Sequence[Term], term: Term, candidates:
     Of a single body also the mass or the centre of any other link: the ten numbers of one stand for its neighbour's
     mass, and cost as much as ten of those.
     """
-    robot, contained = judge.evidence.robot, term.family().contains
-    single = term.family().is_body and not term.family().all_links
+    robot, parts = judge.evidence.robot, _cheaper_parts(judge, term)
+    contained = parts or term.family().contains
+    single = bool(parts) or (term.family().is_body and not term.family().all_links)
     joints = range(robot.n_joints) if single else term.family().joints_of(robot, term)
     here = np.isin(np.arange(judge.evidence.n), joints)
     plainer = [c for c in candidates if c.effect in contained and c.joint in joints]
@@ -270,6 +274,16 @@ def _special_cases(judge: Judge, chosen: Sequence[Term], term: Term, candidates:
     # Whether one link's ten numbers or all links' is asked elsewhere, with another burden of proof (loop/widen.py).
     bodies = term.family().all_links
     return [c for c in plainer if not any(same_place(c, s) for s in chosen) and not (bodies and c.family().is_body)]
+
+
+def _cheaper_parts(judge: Judge, term: Term) -> tuple[str, ...]:
+    """Families of one link's body that cost less than ``term``, where that is such a part itself: a centre of mass that
+    came in the place of ten numbers could be a mass, which those before it had no need to ask for."""
+    if term.family().scope != "link" or term.family().is_body or not term.family().changes_body:
+        return ()
+    kinds = [family(name) for name in (*judge.settings.families, *judge.settings.further)]
+    alike = [kind for kind in kinds if kind.scope == "link" and kind.changes_body and not kind.is_body]
+    return tuple(kind.name for kind in alike if kind.price({}) < term.family().price(term.options))
 
 
 def _best_of_each(judge: Judge, trials: Sequence[list[Term]], i: int) -> list[list[Term]]:
