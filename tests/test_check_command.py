@@ -2,11 +2,12 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
-from tests.small_arm import arm, runs, write_logs
+from tests.small_arm import HIDDEN, arm, runs, write_logs
 
 from hybrid_dynamics.check import checked
 from hybrid_dynamics.check.content import check_content, check_rate
@@ -17,6 +18,7 @@ from hybrid_dynamics.check.parameter_names import in_words
 from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.cli import main
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop.model import Model, save_model
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -55,6 +57,31 @@ def test_logs_without_fault_are_told_as_they_are(logs, capsys):
     assert {"summary", "range", "condition"} <= found
     assert not [f for f in value["findings"] if f["severity"] == "hard"]
     assert "run train_1: 3200 samples, 8 s at 400 Hz, signals q, tau" in said.err
+
+
+def test_against_a_completed_model_a_log_is_looked_at_as_predict_does(logs, tmp_path, capsys, run):
+    """What the model holds is no fault; a log that predict refuses is refused here, and every line of it told."""
+    model, good, bare = tmp_path / "model.json", logs / "test_1.parquet", tmp_path / "bare.parquet"
+    save_model(model, Model(arm(), HIDDEN))
+    asked = ("check", "--robot", logs / "robot.urdf", "--model", model, "--json", "--data")
+    assert command(*asked, good) == 0
+    assert {f["severity"] for f in json.loads(capsys.readouterr().out)["findings"]} <= {"note", "warning"}
+    write_log(bare, replace(run, signals={"q": run["q"]}), arm().joint_names)
+    assert command(*asked, bare) == 0, "a model predicts along a log without torque, too"
+    assert "no comparison with measured torque" in capsys.readouterr().out
+
+    wrong = tmp_path / "wrong.parquet"
+    write_log(wrong, run.with_signals(tau=run["tau"][:, ::-1]), arm().joint_names)
+    assert command(*asked, wrong, good) == 2
+    said = capsys.readouterr()
+    hard = [f for f in json.loads(said.out)["findings"] if f["severity"] == "hard"]
+    assert hard
+    assert {f["run"] for f in hard} == {"wrong"}
+    assert "predict refuses these logs" in said.err
+    out = tmp_path / "out.parquet"
+    assert command("predict", *asked[1:5], "--data", wrong, "--out", out) == 2
+    assert hard[0]["text"] in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_a_suggestion_mends_what_has_one_clear_cure_and_close_loop_takes_it(logs, tmp_path, capsys, run):

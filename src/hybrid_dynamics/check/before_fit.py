@@ -97,12 +97,12 @@ def checked(
     return Checked(tuple(first), tuple(second), tuple(ordered(findings)), gravity)
 
 
-def checked_log(model: Robot | Completed, log: Trajectory) -> tuple[Trajectory, list[Finding]]:
+def checked_log(model: Robot | Completed, log: Trajectory, refuse: bool = True) -> tuple[Trajectory, list[Finding]]:
     """``log`` (its own stamps) without a velocity that is none, and what was found, before ``model`` predicts along it.
 
     The torque, where there is one that varies, is looked at with all of the model's effects: what it knows is no fault.
-    :class:`InputError` where the log cannot be of this robot as it stands: what is computed along it would be wrong
-    without a word.
+    With ``refuse`` a log that cannot be of this robot as it stands raises :class:`InputError`: what is computed along
+    it would be wrong without a word. Without, that is among the findings.
     """
     body = body_of(model)
     pieces = resample(repair(log)[0])
@@ -111,12 +111,14 @@ def checked_log(model: Robot | Completed, log: Trajectory) -> tuple[Trajectory, 
     slow = [replace(f, severity="warning") for f in _once(check_rate(pieces)) if f.code == "too_slow"]
     if not findings and pieces:
         findings = check_velocity(body.joint_names, pieces) + check_limits(body, pieces) + slow
-        refuse_hard(findings)
+        _stop(findings, refuse)
+        if any(f.severity == "hard" for f in findings):
+            return log, ordered(findings)
         if "tau" in log and not slow and np.ptp(log["tau"], axis=0).any():
             of_torque = _torque(model, pieces, fixed=True)[0]
             certain = any(f.severity == "hard" for f in of_torque)
             findings += of_torque if certain else [*check_known(model, pieces), *of_torque]
-    refuse_hard(findings)
+    _stop(findings, refuse)
     return _without_velocity(log) if _of_no_use(findings) else log, ordered(findings)
 
 

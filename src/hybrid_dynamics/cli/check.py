@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from hybrid_dynamics.cli.options import LOG_HELP, add_command, add_log_form, add
 
 if TYPE_CHECKING:
     from hybrid_dynamics.check import Finding
+    from hybrid_dynamics.loop import Model
     from hybrid_dynamics.readers.description import LogDescription
     from hybrid_dynamics.robots import Robot
 
@@ -27,14 +29,20 @@ def add_parser(subparsers: Any) -> None:
         short="say what is in the logs and whether they fit the robot, before any fit",
         long="Rates, gaps and glitches; limits; velocity against position; torque against motion (sign, unit, order of "
         "the joints, mounting, delay); what the motion can show. One line a finding, worst first; exit code 2 where "
-        "close-loop would refuse the logs. What has one clear cure is printed as the log.yaml that mends it. "
-        + LOG_HELP,
+        "close-loop would refuse the logs, or predict with --model. What has one clear cure is printed as the log.yaml "
+        "that mends it. " + LOG_HELP,
         example="hybrid-dynamics check --robot robot.urdf --data a.csv b.csv",
     )
     add_robot(parser)
     add_log_form(parser)
     parser.add_argument("--data", required=True, nargs="+", type=Path, metavar="LOG", help="logs to look at")
     parser.add_argument("--test", nargs="+", type=Path, default=[], metavar="LOG", help="logs that are to be held out")
+    parser.add_argument(
+        "--model",
+        type=Path,
+        metavar="FILE",
+        help="look as predict does, against this model.json of close-loop: what it holds is no fault of the log",
+    )
     parser.add_argument(
         "--apply-suggestion",
         type=Path,
@@ -51,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
     from hybrid_dynamics.cli.suggestion import read_plain, write_description
     from hybrid_dynamics.errors import InputError
     from hybrid_dynamics.files import check_once
+    from hybrid_dynamics.loop import load_model
     from hybrid_dynamics.robots import Robot
 
     console = Console.of(args)
@@ -59,7 +68,8 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"{args.apply_suggestion}: exists; give another file for the suggestion, or --force")
     check_once(args.data, "--data")
     check_once(args.test, "--test")
-    findings = look(robot, args.data, args.test, log_form(args))
+    model = None if args.model is None else load_model(args.model, robot)
+    findings = look(robot, model, args.data, args.test, log_form(args))
     hard = _tell(console, findings)
     description, told = combined(read_plain(args), findings, robot.joint_names)
     result: dict[str, Any] = {
@@ -79,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
         form = write_description(args.apply_suggestion, description, told)
         for line in told:
             console.say(f"{args.apply_suggestion}: {line}")
-        again = look(robot, args.data, args.test, form)
+        again = look(robot, model, args.data, args.test, form)
         hard = sum(f.severity == "hard" for f in again)
         for finding in again:
             if finding.severity == "hard":
@@ -88,7 +98,8 @@ def run(args: argparse.Namespace) -> int:
         result |= {"written": str(args.apply_suggestion), "mended": told, "hard_with_it": hard}
     console.result(result)
     if hard:
-        print(f"error: {hard} finding{'s' * (hard > 1)} for which close-loop refuses these logs", file=sys.stderr)
+        asked = "close-loop" if model is None else "predict"
+        print(f"error: {hard} finding{'s' * (hard > 1)} for which {asked} refuses these logs", file=sys.stderr)
     return 2 if hard else 0
 
 
@@ -102,12 +113,15 @@ def _show(console: Console, description: dict[str, Any], told: list[str]) -> Non
             console.say(f"    {line}")
 
 
-def look(robot: Robot, data: list[Path], test: list[Path], form: LogDescription | None) -> list[Finding]:
-    """All findings on the logs, worst first."""
-    from hybrid_dynamics.check import checked
+def look(
+    robot: Robot, model: Model | None, data: list[Path], test: list[Path], form: LogDescription | None
+) -> list[Finding]:
+    """All findings on the logs, worst first: as close-loop looks at them or, where ``model`` is given, as predict."""
+    from hybrid_dynamics.check import checked, checked_log
     from hybrid_dynamics.check.content import check_content
     from hybrid_dynamics.check.excitation import check_excitation
     from hybrid_dynamics.check.findings import Finding, ordered
+    from hybrid_dynamics.cli.predict import read_motion_log
     from hybrid_dynamics.readers.log import pieces_of, read_raw
 
     found: list[Finding] = []
@@ -118,10 +132,17 @@ def look(robot: Robot, data: list[Path], test: list[Path], form: LogDescription 
         split = "train" if k < len(data) else "test"
         name = path.stem if stems.count(path.stem) == 1 else str(path)
         notices: list[str] = []
-        raw = read_raw(path, robot.joint_names, name, split, notify=notices.append, log=form)
-        found += check_content(raw, robot.joint_names)
-        runs[split] += pieces_of(path, raw, robot.joint_names, notify=notices.append)
+        if model is not None:
+            raw = read_motion_log(path, robot, form, notices, name)
+            found += check_content(raw, robot.joint_names)
+            found += [f if f.run else replace(f, run=name) for f in checked_log(model, raw, refuse=False)[1]]
+        else:
+            raw = read_raw(path, robot.joint_names, name, split, notify=notices.append, log=form)
+            found += check_content(raw, robot.joint_names)
+            runs[split] += pieces_of(path, raw, robot.joint_names, notify=notices.append)
         found += [Finding("reading", "note", text) for text in notices]
+    if model is not None:
+        return ordered(found)
     result = checked(robot, runs["train"], runs["test"], refuse=False)
     found += result.findings
     if not any(f.severity == "hard" for f in found):

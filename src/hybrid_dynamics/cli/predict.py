@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from hybrid_dynamics.loop.prediction import Prediction
+    from hybrid_dynamics.readers.description import LogDescription
     from hybrid_dynamics.robots import Robot
+    from hybrid_dynamics.trajectory import Trajectory
 
 SUFFIXES = (".parquet", ".pq", ".csv")
 #: Share of the largest joint torque below which a joint's own error says nothing of the log.
@@ -58,12 +60,10 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """The ``predict`` command."""
     from hybrid_dynamics.check import checked_log
-    from hybrid_dynamics.errors import one_line
     from hybrid_dynamics.files import check_target
     from hybrid_dynamics.loop.model import load_model, read_model
     from hybrid_dynamics.loop.prediction import predict
     from hybrid_dynamics.loop.uncertainty import uncertainty_from
-    from hybrid_dynamics.readers.log import read_raw
     from hybrid_dynamics.robots import Robot
 
     console = Console.of(args)
@@ -83,13 +83,7 @@ def run(args: argparse.Namespace) -> int:
             raise InputError(f"{args.model}: holds no uncertainty (an earlier version wrote it); run close-loop again")
         uncertainty = uncertainty_from(block)
     notices: list[str] = []
-    form = log_form(args)
-    try:
-        log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append, log=form)
-    except InputError as error:
-        # The torque is only compared with: a log without it, or with one that is of no use, is predicted all the same.
-        log = read_raw(args.data, robot.joint_names, split="test", notify=notices.append, torque=False, log=form)
-        notices.append(f"no comparison with measured torque ({one_line(error)})")
+    log = read_motion_log(args.data, robot, log_form(args), notices)
     log, findings = checked_log(model, log)
     notices += [f.line for f in findings]
     prediction = predict(model, log, parts=args.effects, uncertainty=uncertainty, notify=notices.append)
@@ -118,6 +112,22 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def read_motion_log(
+    path: Path, robot: Robot, form: LogDescription | None, notices: list[str], name: str | None = None
+) -> Trajectory:
+    """A log that a model predicts along, with its own stamps: its torque is only compared with, so one without it, or
+    with one that is of no use, is read all the same and told among the ``notices``."""
+    from hybrid_dynamics.errors import one_line
+    from hybrid_dynamics.readers.log import read_raw
+
+    try:
+        return read_raw(path, robot.joint_names, name, "test", notify=notices.append, log=form)
+    except InputError as error:
+        log = read_raw(path, robot.joint_names, name, "test", notify=notices.append, torque=False, log=form)
+        notices.append(f"no comparison with measured torque ({one_line(error)})")
+        return log
+
+
 def _is_prediction(path: Path) -> bool:
     """Whether ``path`` holds what this command writes (a log has positions too): asked again, it is replaced."""
     import pyarrow as pa
@@ -138,7 +148,7 @@ def _worse_than_nothing(prediction: Prediction, robot: Robot) -> list[str]:
     """A note where the model had better be left out: columns exchanged, another robot, or another mounting of it."""
     import numpy as np
 
-    remedy = "is it this robot, and are the columns in order? run hybrid-dynamics check on the log"
+    remedy = "is it this robot, and are the columns in order? run hybrid-dynamics check --model on the log"
     measured = prediction.measured_smooth
     assert measured is not None
     left = prediction.relative_error()
