@@ -11,8 +11,10 @@ from tests.small_arm import arm
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close_loop
+from hybrid_dynamics.loop import floor as floor_module
 from hybrid_dynamics.loop import search as search_module
 from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.blackbox import Learnable
 from hybrid_dynamics.loop.floor import examine
 from hybrid_dynamics.loop.prepare import gather, read_motion, torque_step
 from hybrid_dynamics.loop.search import search
@@ -104,6 +106,21 @@ def test_what_one_step_rounds_away_is_no_alarm() -> None:
     # Controls: the same is seen where steps are not known of, and more than half a step where they are.
     assert alarm(0.0, 0.0)
     assert alarm(3.0, step / 2)
+
+
+@pytest.mark.parametrize(("share", "p_value", "told"), [(0.3, 0.2, True), (0.04, 0.2, False), (0.3, 1e-9, False)])
+def test_what_held_out_rows_follow_by_chance_perhaps_is_no_all_clear(
+    share: float, p_value: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither alarm nor all-clear where a black box removes much and so few samples leave that to chance."""
+    monkeypatch.setattr(floor_module, "learnable", lambda *some, **more: Learnable((), share, p_value))
+    train, _ = excitations(arm(), [], train=2, test=1, duration=8.0)
+    logs = read_motion(arm(), train, train, LoopSettings())
+    rng = np.random.default_rng(3)
+    left = [rng.normal(size=run.tau.shape) for run in logs.train]
+    floor = examine(logs.train, left, [run.mask for run in logs.train], np.zeros(2), np.zeros(2), LoopSettings())
+    assert floor.cannot_tell.tolist() == [told, told]
+    assert floor.motion_dependent.tolist() == [p_value < 0.01] * 2
 
 
 def test_half_a_step_is_rounded_away_only_where_the_torque_hardly_leaves_one(panda: Robot) -> None:
