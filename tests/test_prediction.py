@@ -8,7 +8,7 @@ from tests.two_links import EFFECTS, two_links
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.loop.prediction import predict
+from hybrid_dynamics.loop.prediction import _back_to, predict
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.loop.uncertainty import Uncertainty, correlation_of
 from hybrid_dynamics.simulation.excitation import excitation
@@ -75,6 +75,18 @@ def test_uneven_stamps_keep_their_own_rows_and_a_gap_is_not_bridged():
     partly = predict(Model(two_links(), EFFECTS), log.rows(short), notify=told.append)
     assert not partly.covered[log.time[short] > 3].any()
     assert any("left out" in line for line in told)
+
+
+def test_stamps_that_stray_from_the_grid_have_values_of_their_own_instants():
+    grid = np.arange(200) * 0.01
+    stray = grid + 0.003 * np.sin(np.arange(200))
+    values = np.sin(8.0 * grid)[:, None]
+    back = _back_to(grid, stray)(values)
+    inside = slice(5, -5)
+    np.testing.assert_allclose(back[inside, 0], np.sin(8.0 * stray[inside]), atol=1e-5)
+    # The control: as they stand on the grid they are off by a hundredth and more.
+    assert np.abs(values[inside, 0] - np.sin(8.0 * stray[inside])).max() > 0.01
+    assert _back_to(grid, grid + 1e-5)(values) is values
 
 
 def test_parts_add_up_to_the_prediction():
