@@ -17,9 +17,11 @@ from hybrid_dynamics.check.limits import check_limits
 from hybrid_dynamics.check.parameter_names import in_words
 from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.cli import main
+from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.model import Model, save_model
 from hybrid_dynamics.readers import write_log
+from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
 
 
@@ -61,18 +63,23 @@ def test_logs_without_fault_are_told_as_they_are(logs, capsys):
 
 def test_against_a_completed_model_a_log_is_looked_at_as_predict_does(logs, tmp_path, capsys, run):
     """What the model holds is no fault; a log that predict refuses is refused here, and every line of it told."""
-    model, good, bare = tmp_path / "model.json", logs / "test_1.parquet", tmp_path / "bare.parquet"
-    save_model(model, Model(arm(), HIDDEN))
+    model, good, bare = tmp_path / "model.json", tmp_path / "wall.parquet", tmp_path / "bare.parquet"
+    wall = Effect("gravity_tilt", (), {"roll": 0.0, "pitch": np.pi / 2})
+    write_log(good, excitation(arm(), [wall, *HIDDEN], seed=1, duration=8.0, rate=200.0), arm().joint_names)
+    save_model(model, Model(arm(), (wall, *HIDDEN)))
     asked = ("check", "--robot", logs / "robot.urdf", "--model", model, "--json", "--data")
+    assert command("check", "--robot", logs / "robot.urdf", "--json", "--data", good) == 0
+    assert "mounting" in {f["code"] for f in json.loads(capsys.readouterr().out)["findings"]}, "the control"
     assert command(*asked, good) == 0
-    assert {f["severity"] for f in json.loads(capsys.readouterr().out)["findings"]} <= {"note", "warning"}
+    assert "mounting" not in {f["code"] for f in json.loads(capsys.readouterr().out)["findings"]}
+    save_model(model, Model(arm(), HIDDEN))
     write_log(bare, replace(run, signals={"q": run["q"]}), arm().joint_names)
     assert command(*asked, bare) == 0, "a model predicts along a log without torque, too"
     assert "no comparison with measured torque" in capsys.readouterr().out
 
     wrong = tmp_path / "wrong.parquet"
     write_log(wrong, run.with_signals(tau=run["tau"][:, ::-1]), arm().joint_names)
-    assert command(*asked, wrong, good) == 2
+    assert command(*asked, wrong, logs / "test_1.parquet") == 2
     said = capsys.readouterr()
     hard = [f for f in json.loads(said.out)["findings"] if f["severity"] == "hard"]
     assert hard
@@ -82,6 +89,34 @@ def test_against_a_completed_model_a_log_is_looked_at_as_predict_does(logs, tmp_
     assert command("predict", *asked[1:5], "--data", wrong, "--out", out) == 2
     assert hard[0]["text"] in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_against_a_model_nothing_is_passed_that_predict_refuses(logs, tmp_path, capsys, run):
+    model = tmp_path / "model.json"
+    save_model(model, Model(arm(), HIDDEN))
+    asked = ("check", "--robot", logs / "robot.urdf", "--model", model, "--json", "--data")
+
+    bursts = tmp_path / "bursts.parquet"
+    write_log(bursts, run.rows(np.flatnonzero(np.arange(len(run.time)) % 400 < 8)), arm().joint_names)
+    assert command(*asked, bursts) == 2
+    assert "no stretch without a gap" in capsys.readouterr().out
+
+    # The cure names columns that the log has, and mends it; single wrong samples are told.
+    exchanged, cure = tmp_path / "exchanged.parquet", tmp_path / "log.yaml"
+    q = run["q"][:, ::-1].copy()
+    q[1000, 0] += 2.0
+    write_log(exchanged, run.with_signals(q=q), arm().joint_names)
+    assert command(*asked, exchanged, "--apply-suggestion", cure) == 0 or cure.exists()
+    said = json.loads(capsys.readouterr().out)
+    assert "glitch" in {f["code"] for f in said["findings"]}
+    assert "dq" not in said["log"].get("columns", {})
+    assert said["hard_with_it"] == 0
+
+    for wrong, words in (("--test", "nothing is held out"), ("--apply-suggestion", "would be overwritten")):
+        given = logs / "test_1.parquet" if wrong == "--test" else model
+        assert command(*asked, logs / "train_1.parquet", wrong, given, "--force") == 2
+        assert words in capsys.readouterr().out
+    assert json.loads(model.read_text())["schema"] == 2
 
 
 def test_a_suggestion_mends_what_has_one_clear_cure_and_close_loop_takes_it(logs, tmp_path, capsys, run):

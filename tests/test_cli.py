@@ -115,7 +115,7 @@ def test_predict_says_where_no_model_would_be_better(here, capsys):
     assert run(*of_log(log.assign(**{f"tau{j}": 0.3 * log[f"tau{j}"] for j in range(1, 8)}), "weak")) == 0
     assert re.search(
         r"note: the model predicts this log worse than no model at all: \d+% of the torque is left; .*"
-        r"run hybrid-dynamics check --model on the log",
+        r"run hybrid-dynamics check on the log",
         capsys.readouterr().err,
     )
     assert run(*of_log(log.assign(tau4=0.3 * log["tau4"]), "one")) == 0

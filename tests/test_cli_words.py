@@ -215,6 +215,9 @@ def test_the_same_doubt_on_several_joints_is_one_line():
     ]
     assert parted[0] == "not down to noise: a: the test runs leave more than the training runs"
     assert parted[1].startswith("cannot be told: b: what is left changes slowly")
+    chance = [line for line in details(value | {"unproven_share": [0.0, 0.31]}) if line.startswith("cannot be told: ")]
+    assert chance[0].startswith("cannot be told: a: what is left changes slowly")
+    assert chance[1].startswith("cannot be told: of what is left 31 % on b follow the motion on held-out parts, which")
     # The diagnosis says it again in its notes; the console once. Its words are those that are looked for.
     value["notes"] = ["a: what is left changes slowly (...)", "another note"]
     assert notes(value) == ["another note"]

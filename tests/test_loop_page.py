@@ -189,7 +189,7 @@ def test_contradicted_names_alarms_and_origin_are_shown_as_such(content):
     assert "Not decided by them: none. Contradicted and not in the model: 1, armature (panda_joint3)." in answer
     assert "panda_joint2: what is left depends on the motion; 60 % of it" in answer
     assert "still depends on the motion" in answer
-    assert "cannot be told from slow noise" in answer
+    assert "cannot be told from noise" in answer
     assert "30 % of the speed of panda_joint1" in answer
     # What cannot be told apart stays open, on the first screen and in the section that it links.
     assert "Coulomb friction on panda_joint2 cannot be told from Stribeck friction." in answer

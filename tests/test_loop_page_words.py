@@ -9,7 +9,7 @@ import pytest
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.search import Step
-from hybrid_dynamics.loop_report import words
+from hybrid_dynamics.loop_report import rest, words
 from hybrid_dynamics.loop_report.bokeh_json import Drawing
 from hybrid_dynamics.loop_report.content import Candidate, Curve, SearchStep, Trace
 from hybrid_dynamics.loop_report.details import _how_much, _title, _together
@@ -81,22 +81,25 @@ def test_an_error_that_is_noise_in_motion_alone_is_not_called_noise() -> None:
     def state(moving: float, every: float) -> tuple[str, str]:
         d = {"joints": ["a"], "noise_floor_high": [1.0], "motion_dependent": [False], "cannot_tell": [False]}
         d["error"], d["error_moving"] = ({"test": {"after": {"rmse": [value]}}} for value in (every, moving))
-        return words.state_of(d, 0)
+        return rest.state_of(d, 0)
 
     assert state(1.0, 1.0) == ("good", "down to the noise")
-    assert state(1.0, 4.5) == ("open", words.STANDING)
-    assert state(2.0, 4.5) == ("open", words.ABOVE)
+    assert state(1.0, 4.5) == ("open", rest.STANDING)
+    assert state(2.0, 4.5) == ("open", rest.ABOVE)
 
 
 def test_a_joint_whose_test_runs_leave_more_says_so_before_all_doubt() -> None:
     left = {"joint": "a", "share_of_residual_variance": 0.7, "expression": "0"}
     d: dict[str, Any] = {"joints": ["a"], "unexplained": [left], "motion_dependent": [False], "cannot_tell": [True]}
-    assert words.state_of(d, 0) == ("open", words.SLOW)
+    assert rest.state_of(d, 0) == ("open", rest.SLOW)
+    assert words.still_open(d) == ["a: what is left may be noise or an effect: it changes slowly."]
+    (chance,) = words.still_open(d | {"unproven_share": [0.31]})
+    assert chance.endswith("31 % of it follows the motion on held-out parts, perhaps by chance.")
     d["worse_on_test"] = [True]
-    assert words.state_of(d, 0) == ("open", words.PARTED)
+    assert rest.state_of(d, 0) == ("open", rest.PARTED)
     assert words.still_open(d) == ["a: the test runs leave more than the training runs; no cause found."]
     d["motion_dependent"] = [True]
-    assert words.state_of(d, 0) == ("open", words.ALARM)
+    assert rest.state_of(d, 0) == ("open", rest.ALARM)
 
 
 def test_what_can_be_learned_is_one_number_on_the_whole_page() -> None:

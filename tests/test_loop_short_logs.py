@@ -113,13 +113,14 @@ def test_what_held_out_rows_follow_by_chance_perhaps_is_no_all_clear(
     share: float, p_value: float, told: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Neither alarm nor all-clear where a black box removes much and so few samples leave that to chance."""
-    monkeypatch.setattr(floor_module, "learnable", lambda *some, **more: Learnable((), share, p_value))
+    monkeypatch.setattr(floor_module, "learnable", lambda *some, **more: Learnable((), share, p_value, share))
     train, _ = excitations(arm(), [], train=2, test=1, duration=8.0)
     logs = read_motion(arm(), train, train, LoopSettings())
     rng = np.random.default_rng(3)
     left = [rng.normal(size=run.tau.shape) for run in logs.train]
     floor = examine(logs.train, left, [run.mask for run in logs.train], np.zeros(2), np.zeros(2), LoopSettings())
     assert floor.cannot_tell.tolist() == [told, told]
+    assert floor.unproven.tolist() == [share if told else 0.0] * 2
     assert floor.motion_dependent.tolist() == [p_value < 0.01] * 2
 
 

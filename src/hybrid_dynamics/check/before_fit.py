@@ -102,23 +102,32 @@ def checked_log(model: Robot | Completed, log: Trajectory, refuse: bool = True) 
 
     The torque, where there is one that varies, is looked at with all of the model's effects: what it knows is no fault.
     With ``refuse`` a log that cannot be of this robot as it stands raises :class:`InputError`: what is computed along
-    it would be wrong without a word. Without, that is among the findings.
+    it would be wrong without a word. Without, that is among the findings, and single wrong samples are.
     """
     body = body_of(model)
-    pieces = resample(repair(log)[0])
+    clean, glitches = repair(log)
+    pieces = resample(clean)
     findings = check_angles(body, pieces)
+    if not pieces:
+        text = "no stretch without a gap too long to interpolate; record without losing rows"
+        findings.append(Finding("no_stretch", "hard", text, run=log.name))
     # What a slow log resolves is predicted all the same; that it is little must be known.
     slow = [replace(f, severity="warning") for f in _once(check_rate(pieces)) if f.code == "too_slow"]
     if not findings and pieces:
         findings = check_velocity(body.joint_names, pieces) + check_limits(body, pieces) + slow
         _stop(findings, refuse)
         if any(f.severity == "hard" for f in findings):
-            return log, ordered(findings)
+            pieces = [_without_velocity(piece) for piece in pieces]
         if "tau" in log and not slow and np.ptp(log["tau"], axis=0).any():
             of_torque = _torque(model, pieces, fixed=True)[0]
             certain = any(f.severity == "hard" for f in of_torque)
-            findings += of_torque if certain else [*check_known(model, pieces), *of_torque]
+            of_torque = of_torque if certain else [*check_known(model, pieces), *of_torque]
+            findings += [_of_held_signals(f, [log]) for f in of_torque]
     _stop(findings, refuse)
+    if not refuse:
+        findings += [
+            Finding("glitch", "note", line, run=log.name) for line in told(glitches, body.joint_names, len(log.time))
+        ]
     return _without_velocity(log) if _of_no_use(findings) else log, ordered(findings)
 
 

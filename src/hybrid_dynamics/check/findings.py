@@ -18,9 +18,10 @@ class Finding:
     """One thing that was found.
 
     ``code`` is a fixed name (``dq_scale``) that scripts may rely on; ``severity``: ``hard`` (no verdict can be given:
-    ``close-loop`` refuses with exit code 2), ``warning`` (probably wrong) or ``note`` (worth knowing). ``run`` and
-    ``joint`` are names, empty where the finding is about all of them. ``text`` gives the value and the remedy on one
-    line. ``suggestion`` holds the keys of a ``log.yaml`` that mend it, empty where there is not one clear cure.
+    ``close-loop``, or ``predict``, refuses with exit code 2), ``warning`` (probably wrong) or ``note`` (worth knowing).
+    ``run`` and ``joint`` are names, empty where the finding is about all of them. ``text`` gives the value and the
+    remedy on one line. ``suggestion`` holds the keys of a ``log.yaml`` that mend it, empty where there is not one clear
+    cure.
     """
 
     code: str

@@ -41,7 +41,8 @@ def add_parser(subparsers: Any) -> None:
         "--model",
         type=Path,
         metavar="FILE",
-        help="look as predict does, against this model.json of close-loop: what it holds is no fault of the log",
+        help="look at every log as predict does (not as close-loop does) against this model.json: what it holds is no "
+        "fault of the log",
     )
     parser.add_argument(
         "--apply-suggestion",
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     from hybrid_dynamics.check.suggestion import combined
     from hybrid_dynamics.cli.suggestion import read_plain, write_description
     from hybrid_dynamics.errors import InputError
-    from hybrid_dynamics.files import check_once
+    from hybrid_dynamics.files import check_once, check_target
     from hybrid_dynamics.loop import load_model
     from hybrid_dynamics.robots import Robot
 
@@ -66,6 +67,11 @@ def run(args: argparse.Namespace) -> int:
     robot = Robot.from_urdf(args.robot, tuple(args.lock))
     if args.apply_suggestion is not None and args.apply_suggestion.exists() and not args.force:
         raise InputError(f"{args.apply_suggestion}: exists; give another file for the suggestion, or --force")
+    if args.model is not None and args.test:
+        raise InputError("--test: nothing is held out where a model is given; give all logs to --data")
+    if args.apply_suggestion is not None:
+        inputs = [*args.data, *args.test, args.robot, *([] if args.model is None else [args.model])]
+        check_target(args.apply_suggestion, inputs)
     check_once(args.data, "--data")
     check_once(args.test, "--test")
     model = None if args.model is None else load_model(args.model, robot)

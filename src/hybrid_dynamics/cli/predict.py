@@ -148,7 +148,7 @@ def _worse_than_nothing(prediction: Prediction, robot: Robot) -> list[str]:
     """A note where the model had better be left out: columns exchanged, another robot, or another mounting of it."""
     import numpy as np
 
-    remedy = "is it this robot, and are the columns in order? run hybrid-dynamics check --model on the log"
+    remedy = "is it this robot, and are the columns in order? run hybrid-dynamics check on the log"
     measured = prediction.measured_smooth
     assert measured is not None
     left = prediction.relative_error()

@@ -8,6 +8,7 @@ from typing import Any
 from hybrid_dynamics.effects.units import with_unit
 from hybrid_dynamics.loop.alternatives import INSTEAD
 from hybrid_dynamics.loop_report.parameter_words import place, settings_words, several_words, single_words
+from hybrid_dynamics.loop_report.rest import final_errors, learned, state_of, unproven_shares
 from hybrid_dynamics.loop_report.words import (
     VARIABLES,
     VERDICTS,
@@ -15,13 +16,10 @@ from hybrid_dynamics.loop_report.words import (
     confirmed,
     described,
     effort_unit,
-    final_errors,
-    learned,
     left_open,
     other_notes,
     share,
     slides,
-    state_of,
     title_of,
     value_of,
     verdict_words,
@@ -31,7 +29,12 @@ Entry = Mapping[str, Any]
 #: Kinds of effects whose values stand in the headline; of further ones the names.
 _MOST = 4
 #: Notes of a diagnosis that say again what :func:`details` says.
-TOLD_ALREADY = ("contradicted by the test runs", "what is left changes slowly", "differ between runs beyond")
+TOLD_ALREADY = (
+    "contradicted by the test runs",
+    "what is left changes slowly",
+    "which may be chance",
+    "differ between runs beyond",
+)
 
 
 def verdict_line(diagnosis: Mapping[str, Any]) -> str:
@@ -99,7 +102,7 @@ def details(diagnosis: Mapping[str, Any]) -> list[str]:
 
 
 def _left(diagnosis: Mapping[str, Any]) -> list[str]:
-    """What no effect explains, and what cannot be told from slow noise."""
+    """What no effect explains, and what cannot be told from noise."""
     joints, final = list(diagnosis["joints"]), final_errors(diagnosis)["rmse"]
     alarms = dict(zip(joints, diagnosis.get("motion_dependent") or [False] * len(joints), strict=False))
     doubts = dict(zip(joints, diagnosis.get("cannot_tell") or [False] * len(joints), strict=False))
@@ -126,11 +129,19 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
         for joint in joints
         if alarms.get(joint) and joint not in told
     ]
-    if slow := [joint for joint in joints if doubts.get(joint)]:
-        looks = f"; an effect would look like {', '.join(would_be)}" if would_be else ""
+    looks = f"; an effect would look like {', '.join(would_be)}" if would_be else ""
+    doubtful = [joint for joint in joints if doubts.get(joint)]
+    unproven = {joint: size for joint, size in unproven_shares(diagnosis).items() if joint in doubtful}
+    if slow := [joint for joint in doubtful if joint not in unproven]:
         out.append(
             f"cannot be told: {', '.join(slow)}: what is left changes slowly, slow noise or an effect that is missing"
             f"{looks}; what would tell: runs that pass the same states again"
+        )
+    if unproven:
+        sizes = ", ".join(f"{100 * size:.2g} % on {joint}" for joint, size in unproven.items())
+        out.append(
+            f"cannot be told: of what is left {sizes} follow the motion on held-out parts, which may be chance"
+            f"{'' if slow else looks}; what would tell: longer and more runs"
         )
     return out
 

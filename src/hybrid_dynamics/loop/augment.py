@@ -54,7 +54,7 @@ def effects_of(evidence: Evidence, terms: Sequence[Term], x: Array, covariance: 
 @dataclass(frozen=True)
 class Refit:
     """The coordinates ``x`` of a model with ``terms`` that was re-fitted, which leaves ``left`` (K, n) [N m] of every
-    run where that was asked for; ``before``: the evidence whose fit it is."""
+    run where that was asked for; ``before``: the evidence whose fit it is, as of this model where ``left`` is None."""
 
     before: Evidence
     terms: tuple[Term, ...]
@@ -98,7 +98,7 @@ def refit(evidence: Evidence, terms: Sequence[Term], rounds: int = 3) -> Refit:
 def _descend(evidence: Evidence, terms: Sequence[Term], rounds: int) -> Refit:
     """Gauss-Newton, where a step that makes the training error of the whole model larger is halved.
 
-    The linear problem is exact at the coordinates that are returned.
+    The linear problem that comes with them (:attr:`Refit.evidence`) is exact at the coordinates that are returned.
     """
     problem = evidence.problem
 

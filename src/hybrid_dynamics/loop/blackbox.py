@@ -51,11 +51,13 @@ LAGS = (1.5, 6.0)
 @dataclass(frozen=True)
 class Learnable:
     """``prediction`` per run (K,) [N m] of what is left; ``share`` of the mean square that it removes on held-out
-    samples (0 where none); ``p_value`` of no dependence on the motion."""
+    samples (0 where none); ``p_value`` of no dependence on the motion; ``most``: the largest share that any of the
+    predictors asked removes, sure or not."""
 
     prediction: tuple[Array, ...]
     share: float
     p_value: float
+    most: float = 0.0
 
 
 def state_features(run: Run, joint: int) -> Array:
@@ -108,7 +110,7 @@ def learnable(
         predictions.append(linear_prediction(np.vstack(warming), y, keep, folds))
     found = [_worth(p, y, residual, counted, seed) for p in predictions]
     best = min(found, key=lambda f: (f.p_value, -f.share))
-    return replace(best, p_value=min(best.p_value * len(found), 1.0))
+    return replace(best, p_value=min(best.p_value * len(found), 1.0), most=max(f.share for f in found))
 
 
 def _trees(x: Array, y: Array, keep: NDArray[np.bool_], folds: NDArray[np.int_], seed: int) -> Array:

@@ -17,7 +17,7 @@ from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rou
 from hybrid_dynamics.loop.everything import Everything
 from hybrid_dynamics.loop.extrapolation import extrapolation
 from hybrid_dynamics.loop.find import Found
-from hybrid_dynamics.loop.floor import UNPROVEN, Floor
+from hybrid_dynamics.loop.floor import Floor
 from hybrid_dynamics.loop.identifiability import inconsistent, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.mounting import turned_by
@@ -88,12 +88,13 @@ def describe_result(
     lines += _estimated("since held-out rows miss it, too unsure to be named", unsure, robot.prismatic)
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
-        share, colour = floor.learnable_share[j], floor.autocorrelation[j]
-        held = f", {share:.0%} of it follows the motion on held-out parts" if share > UNPROVEN else ""
-        lines.append(
-            f"{robot.joint_names[j]}: what is left changes slowly (autocorrelation {colour:.2f}{held}); "
-            "these runs cannot tell slow noise from an effect that is missing: record runs that pass the same states"
-        )
+        if floor.unproven[j]:
+            why = f"{floor.unproven[j]:.0%} of what is left follows the motion on held-out parts, which may be chance"
+            remedy = "an effect that is missing from noise: record longer and more runs"
+        else:
+            why = f"what is left changes slowly (autocorrelation {floor.autocorrelation[j]:.2f})"
+            remedy = "slow noise from an effect that is missing: record runs that pass the same states"
+        lines.append(f"{robot.joint_names[j]}: {why}; these runs cannot tell {remedy}")
     for j in np.flatnonzero(carried.worse):
         lines.append(
             f"{robot.joint_names[j]}: the test runs leave {carried.times[j]:.3g} times as much as the training runs: "
@@ -115,6 +116,7 @@ def describe_result(
         "learnable_share": floor.learnable_share.tolist(),
         "motion_dependent": [bool(v) for v in floor.motion_dependent],
         "cannot_tell": [bool(v) for v in floor.cannot_tell],
+        "unproven_share": floor.unproven.tolist(),
         "worse_on_test": [bool(v) for v in carried.worse],
         "autocorrelation": floor.autocorrelation.tolist(),
         "extrapolation": outside,

@@ -122,6 +122,7 @@ class Diagnosis:
 
     ``noise_floor`` [N m] lies between ``_low`` and ``_high``; ``learnable_share`` of what is left a black box trained
     on other runs still removes; ``motion_dependent``: the alarm; ``cannot_tell``: neither alarm nor all-clear;
+    ``unproven_share``: why not, where a black box removes so much on held-out rows, which may be chance (else 0);
     ``worse_on_test``: the test runs leave surely more than the training runs.
     ``prismatic`` joints slide: [N] and [m] in the place of [N m] and [rad].
 
@@ -145,6 +146,7 @@ class Diagnosis:
     learnable_share: tuple[float, ...] = ()
     motion_dependent: tuple[bool, ...] = ()
     cannot_tell: tuple[bool, ...] = ()
+    unproven_share: tuple[float, ...] = ()
     worse_on_test: tuple[bool, ...] = ()
     autocorrelation: tuple[float, ...] = ()
     extrapolation: tuple[Mapping[str, Any], ...] = ()
@@ -204,7 +206,14 @@ class Diagnosis:
         return out
 
 
-_SIZES = ("noise_floor", "noise_floor_low", "noise_floor_high", "learnable_share", "autocorrelation")
+_SIZES = (
+    "noise_floor",
+    "noise_floor_low",
+    "noise_floor_high",
+    "learnable_share",
+    "unproven_share",
+    "autocorrelation",
+)
 _FLAGS = ("motion_dependent", "cannot_tell", "worse_on_test")
 
 

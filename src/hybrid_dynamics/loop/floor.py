@@ -30,7 +30,7 @@ STRANGE = 0.7
 #: Beyond this a residual is coloured; noise that is coloured is no more than twice its second differences.
 REMEMBERS, TWICE = 0.3, 2.0
 #: Share of what is left that a black box removes on held-out rows, beyond which that it may be chance is no all-clear.
-#: Of 2,700 joints of simulated arms whose model was whole none had .05.
+#: Of 2,700 joints of simulated arms whose model was whole none had half of it.
 UNPROVEN = 0.1
 #: Share of states outside those of the other folds beyond which parts of one run say nothing about each other.
 UNSHARED = 0.5
@@ -45,7 +45,8 @@ class Floor:
     """Per joint (n,): noise ``value`` between ``low`` and ``high`` [N m]; ``learnable_share`` of what is left that a
     black box trained on other runs removes; ``p_value`` of no dependence on the motion; ``motion_dependent``, the
     alarm; ``cannot_tell`` where neither alarm nor all-clear can be given; ``autocorrelation`` beyond the filter's
-    window. ``seen``: joints that move; all else is 0 there."""
+    window. ``seen``: joints that move; all else is 0 there. ``unproven``: of what is left the share that a black box
+    removes on held-out rows, where that is much and may be chance; else 0."""
 
     value: Array
     low: Array
@@ -56,6 +57,7 @@ class Floor:
     cannot_tell: Mask
     autocorrelation: Array
     seen: Mask
+    unproven: Array
 
 
 def difference_floor(runs: Sequence[Run], residual: Sequence[Array], mask: Sequence[Mask]) -> Array:
@@ -117,19 +119,20 @@ def examine(
     low = np.minimum(difference_floor(runs, residual, mask), rms)
     colour = autocorrelation(runs, residual, mask)
     folds = _folds(runs, settings.time_folds)
-    share, p, strange = np.zeros(n), np.ones(n), np.zeros(n, bool)
+    share, p, most, strange = np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n, bool)
     longest = max(float(np.ptp(run.time)) for run in runs)
     for j in np.flatnonzero(seen & (rms > np.maximum(resolution, rounded_away))):
         features = [state_features(run, int(j)) for run in runs]
         curves = [curves_of(run, int(j)) for run in runs]
         warming = [friction_in_time(run, int(j), longest) for run in runs]
         found = learnable(features, curves, [r[:, j] for r in residual], [m[:, j] for m in mask], folds, warming)
-        share[j], p[j] = found.share, found.p_value
+        share[j], p[j], most[j] = found.share, found.p_value, found.most
         remembers = colour[j] > REMEMBERS and (
             rms[j] > TWICE * low[j] or _unshared(runs, mask, folds, int(j)) > UNSHARED
         )
-        strange[j] = colour[j] > STRANGE or remembers or found.share > UNPROVEN
+        strange[j] = colour[j] > STRANGE or remembers
     alarm = holm(p, settings.alarm_level) & (share > settings.alarm_share)
+    unproven = ~alarm & (most > max(UNPROVEN, settings.alarm_share))
     # One standard deviation of the estimate on top: rows that remember each other count less.
     effective = np.maximum(count * (1 - colour.clip(0, 0.99)) / (1 + colour.clip(0, 0.99)) / 4, 4)
     high = rms * np.sqrt(1.0 - share.clip(0, 1)) * (1 + 1 / np.sqrt(effective))
@@ -137,7 +140,8 @@ def examine(
     value = np.where(alarm, np.minimum(high, rms), rms)
     tiny = np.where(seen, np.minimum(resolution, np.inf), 0.0)
     value, low, high = (np.where(seen, np.maximum(v, tiny), 0.0) for v in (value, low, high))
-    return Floor(value, low, high, share, p, alarm, strange & ~alarm, colour, seen)
+    doubtful = (strange & ~alarm) | unproven
+    return Floor(value, low, high, share, p, alarm, doubtful, colour, seen, np.where(unproven, most, 0.0))
 
 
 def _folds(runs: Sequence[Run], time_folds: int) -> list[NDArray[np.int_]]:

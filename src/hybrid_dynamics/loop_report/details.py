@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hybrid_dynamics.effects.units import with_unit
-from hybrid_dynamics.loop_report import plots, words
+from hybrid_dynamics.loop_report import plots, rest, words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import AXES, KINDS, Law, SearchStep
 from hybrid_dynamics.loop_report.sections import LEFT, Answer, Effects, LoopSection, range_of
@@ -122,7 +122,7 @@ class Left(LoopSection):
                 {
                     "joint": u["joint"],
                     "share": _how_much(d, u),
-                    "state": words.state_of(d, list(d["joints"]).index(u["joint"]))[1],
+                    "state": rest.state_of(d, list(d["joints"]).index(u["joint"]))[1],
                     "expression": "" if u["expression"] == "0" else u["expression"],
                     "worth": _worth(d, self.content.laws, u["joint"]),
                 }
@@ -171,7 +171,7 @@ class Errors(LoopSection):
                 "floor": range_of((d.get("noise_floor_low") or floor)[j], (d.get("noise_floor_high") or floor)[j]),
                 "learnable": words.share((d.get("learnable_share") or [None] * len(floor))[j]),
                 "memory": words.number((d.get("autocorrelation") or [None] * len(floor))[j], 2),
-                "state": words.state_of(d, j)[1],
+                "state": rest.state_of(d, j)[1],
             }
             for floor in (d["noise_floor"],)
             for j, name in enumerate(d["joints"])
@@ -180,7 +180,7 @@ class Errors(LoopSection):
 
 
 def _error_rows(d: Mapping[str, Any], of: str, split: str) -> list[dict[str, str]]:
-    before, found, final = d[of][split]["before"], d[of][split]["after"], words.final_errors(d, split, of)
+    before, found, final = d[of][split]["before"], d[of][split]["after"], rest.final_errors(d, split, of)
     return [
         {
             "joint": with_unit(name, words.slides(d)),
@@ -195,7 +195,7 @@ def _error_rows(d: Mapping[str, Any], of: str, split: str) -> list[dict[str, str
 
 
 def _pooled(d: Mapping[str, Any], of: str, split: str) -> str:
-    errors = (d[of][split]["before"], words.final_errors(d, split, of))
+    errors = (d[of][split]["before"], rest.final_errors(d, split, of))
     return " → ".join(words.share(e["relative_error"], 3) for e in errors)
 
 
@@ -259,10 +259,10 @@ def _how_much(d: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
     """Which share of what is left the state of the joint is about."""
     size = words.share(entry["share_of_residual_variance"])
     return {
-        words.ALARM: f"{words.share(words.learned(d, entry))} can be learned from the motion",
-        words.SLOW: f"{size} changes slowly",
-        words.PARTED: f"{size} is more than noise, or than the training runs leave",
-    }.get(words.state_of(d, list(d["joints"]).index(entry["joint"]))[1], size)
+        rest.ALARM: f"{words.share(rest.learned(d, entry))} can be learned from the motion",
+        rest.SLOW: f"{size} changes slowly, or follows the motion by what may be chance",
+        rest.PARTED: f"{size} is more than noise, or than the training runs leave",
+    }.get(rest.state_of(d, list(d["joints"]).index(entry["joint"]))[1], size)
 
 
 class Reproduce(LoopSection):

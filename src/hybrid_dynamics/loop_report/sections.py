@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 from hybrid_dynamics.effects import family
 from hybrid_dynamics.effects.units import with_unit
 from hybrid_dynamics.errors import ConfigError
-from hybrid_dynamics.loop_report import words
+from hybrid_dynamics.loop_report import rest, words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import KINDS, Content, Group
 from hybrid_dynamics.loop_report.html import slug
@@ -132,12 +132,12 @@ def _sizes(content: Content) -> dict[str, float]:
 
 def bars(d: Mapping[str, Any]) -> list[dict[str, Any]]:
     """A row per joint: widths in per cent of its larger error, numbers in N m, what is left in a word."""
-    before, after = d["error"]["test"]["before"]["rmse"], words.final_errors(d)["rmse"]
+    before, after = d["error"]["test"]["before"]["rmse"], rest.final_errors(d)["rmse"]
     low, high = d.get("noise_floor_low") or d["noise_floor"], d.get("noise_floor_high") or d["noise_floor"]
     rows = []
     for j, name in enumerate(d["joints"]):
         full = max(before[j], after[j], high[j], 1e-12)
-        kind, state = words.state_of(d, j)
+        kind, state = rest.state_of(d, j)
         rows.append(
             {
                 "joint": with_unit(name, words.slides(d)),

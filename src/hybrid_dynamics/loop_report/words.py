@@ -7,8 +7,16 @@ from typing import Any
 
 from hybrid_dynamics.effects.units import unit_at
 from hybrid_dynamics.loop.described import WORSE
-
-Diagnosis = Mapping[str, Any]
+from hybrid_dynamics.loop_report.rest import (
+    ABOVE,
+    STANDING,
+    Diagnosis,
+    final_errors,
+    flags,
+    learned,
+    state_of,
+    unproven_shares,
+)
 
 VERDICTS = {
     "explained": "What the model lacked has been found and added; what is left does not depend on the motion.",
@@ -16,19 +24,11 @@ VERDICTS = {
     "unexplained": "Something is missing that no effect of the catalogue explains; nothing was added.",
     "nothing_missing": "What the model leaves does not depend on the motion.",
 }
-#: What is left on a joint whose alarm is on, and on one that leaves it open.
-ALARM, SLOW = "still depends on the motion", "cannot be told from slow noise"
-PARTED = "more on the test runs than on the training runs"
-ABOVE = "above the noise; no cause found"
-#: Where all samples together are above the noise and those in which the joint moves are not.
-STANDING = "noise in motion, more at standstill"
 #: What stays open where nothing that is left depends on the motion, by the state of the joint.
 _BESIDE = {
     ABOVE: "the held-out error is above the noise, and these runs show no cause",
     STANDING: "noise in motion, more at standstill, where the motion does not determine friction",
 }
-#: Times the upper bound of the floor beyond which a held-out error is more than noise.
-ABOVE_NOISE = 1.25
 #: Words of notes on what the starting model had of an effect; its value tells that too.
 _WITH_VALUES = ("since the starting model", "in all, of which the URDF gives")
 #: Joints that are named one by one, however few the others are.
@@ -181,12 +181,6 @@ def other_notes(d: Diagnosis) -> list[str]:
     return [n for n in d.get("notes", []) if not n.startswith(WORSE) and not any(w in n for w in _WITH_VALUES)]
 
 
-def final_errors(d: Diagnosis, split: str = "test", of: str = "error") -> Mapping[str, Any]:
-    """Errors of the model that stands in model.json: without contradicted effects."""
-    errors = d[of][split]
-    return dict(errors.get("after_confirmed") or errors["after"])
-
-
 def where(names: Sequence[str], joints: Sequence[str]) -> str:
     """Which of ``joints``: "all 6 joints", by name, or, where that is shorter, by the names of the others."""
     shown, others = [n for n in joints if n in names], [n for n in joints if n not in names]
@@ -317,22 +311,28 @@ def open_numbers(d: Diagnosis) -> list[str]:
 def still_open(d: Diagnosis) -> list[str]:
     """What stays open in words: what is left, joint by joint, and what of the names these runs cannot tell."""
     out = []
-    dependent = _flags(d, "motion_dependent")
+    dependent = flags(d, "motion_dependent")
     for entry in d["unexplained"]:
         j = list(d["joints"]).index(entry["joint"])
         part = share(entry["share_of_residual_variance"])
         if "motion_dependent" not in d:
             out.append(f"{entry['joint']}: {part} of what is left (variance) is not noise.")
         elif dependent[j]:
-            more = "; the test runs leave more of it than the training runs" if _flags(d, "worse_on_test")[j] else ""
+            more = "; the test runs leave more of it than the training runs" if flags(d, "worse_on_test")[j] else ""
             part = share(learned(d, entry))
             out.append(
                 f"{entry['joint']}: what is left depends on the motion; {part} of it (variance) can be learned{more}."
             )
-        elif _flags(d, "worse_on_test")[j]:
+        elif flags(d, "worse_on_test")[j]:
             out.append(f"{entry['joint']}: the test runs leave more than the training runs; no cause found.")
         else:
-            out.append(f"{entry['joint']}: what is left changes slowly; these runs cannot tell it from an effect.")
+            size = unproven_shares(d).get(entry["joint"])
+            why = (
+                f"{share(size)} of it follows the motion on held-out parts, perhaps by chance"
+                if size
+                else "it changes slowly"
+            )
+            out.append(f"{entry['joint']}: what is left may be noise or an effect: {why}.")
     out += [f"{entry['joint']}: {entry['why']}." for entry in d.get("not_identifiable", [])]
     told = {entry["joint"] for entry in (*d["unexplained"], *d.get("not_identifiable", []))}
     for state, words in _BESIDE.items():
@@ -352,46 +352,6 @@ def verdict_words(d: Diagnosis) -> str:
     return "nothing has changed" if unchanged else str(d["verdict"]).replace("_", " ")
 
 
-def learned(d: Diagnosis, entry: Mapping[str, Any]) -> float:
-    """Share of what all runs leave on the joint of ``entry`` (of ``unexplained``) that a black box learns.
-
-    The share that ``entry`` gives is at least as large: also what the test runs leave beyond the training runs counts.
-    """
-    known = d.get("learnable_share")
-    return float(known[list(d["joints"]).index(entry["joint"])] if known else entry["share_of_residual_variance"])
-
-
 def opens(d: Diagnosis) -> bool:
     """Whether a section of its own tells what stays open."""
     return bool(d["unexplained"] or d.get("extrapolation") or alike(d) or open_numbers(d))
-
-
-def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
-    """(kind, words) of what is left on a joint; kinds are ``good``, ``open`` and ``unseen``."""
-    name = d["joints"][joint]
-    if name in {entry["joint"] for entry in d.get("not_identifiable", [])}:
-        return "unseen", "never moves"
-    if _flags(d, "motion_dependent")[joint]:
-        return "open", ALARM
-    if _flags(d, "worse_on_test")[joint]:
-        return "open", PARTED
-    if _flags(d, "cannot_tell")[joint]:
-        return "open", SLOW
-    if "motion_dependent" not in d and name in {entry["joint"] for entry in d["unexplained"]}:
-        return "open", "something is left"
-    if _above_noise(d, joint, "error_moving" if "error_moving" in d else "error"):
-        return "open", ABOVE
-    return ("open", STANDING) if _above_noise(d, joint, "error") else ("good", "down to the noise")
-
-
-def _above_noise(d: Diagnosis, joint: int, of: str) -> bool:
-    """True where the held-out error is surely more than the noise, though nothing tells of what."""
-    high = d.get("noise_floor_high")
-    if high is None:
-        return False
-    after = final_errors(d, of=of)["rmse"][joint]
-    return bool(after is not None and high[joint] and after > ABOVE_NOISE * high[joint])
-
-
-def _flags(d: Diagnosis, key: str) -> list[bool]:
-    return [bool(v) for v in d.get(key) or [False] * len(d["joints"])]

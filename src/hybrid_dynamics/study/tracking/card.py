@@ -8,17 +8,16 @@ from typing import Any
 
 from hybrid_dynamics.loop.diagnosis import Diagnosis
 from hybrid_dynamics.loop_report.parameter_words import missing
+from hybrid_dynamics.loop_report.rest import final_errors, state_of
 from hybrid_dynamics.loop_report.words import (
     VERDICTS,
     capital,
     certainty,
-    final_errors,
     gains,
     left_open,
     number,
     place_of,
     share,
-    state_of,
     still_open,
     title_of,
     value_of,
