@@ -40,6 +40,16 @@ stages:
     deps: [train_a, train_b]
     outs: [report]
 """
+ALWAYS = """
+  fetch:
+    cmd: cp source fetched
+    always_changed: true
+    outs: [fetched]
+  used:
+    cmd: cp fetched used
+    deps: [fetched]
+    outs: [used]
+"""
 
 
 def test_groups_share_no_stage_and_what_sees_several_data_sets_waits():
@@ -125,6 +135,29 @@ def test_a_lane_waits_for_the_lock_of_another_process(tmp_path):
         lock.unlock()
         assert waiting.wait(120) == 0
     assert (tmp_path / "report").read_text() == "a\nb\n"
+
+
+@pytest.mark.slow
+def test_where_nothing_has_changed_only_what_always_runs_is_run(tmp_path):
+    environment = pipeline(tmp_path)
+    (tmp_path / "dvc.yaml").write_text(PIPELINE + ALWAYS)
+    source = tmp_path / "source"
+
+    def lanes() -> str:
+        command = [sys.executable, "-m", "stages.lanes"]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    source.write_text("old")
+    assert "Running stage 'used'" in lanes()
+    said = lanes()
+    assert "only what always runs has been run" in said
+    assert "Running stage" not in said
+    # What it finds changed begins the lanes.
+    source.write_text("new")
+    assert "Running stage 'used'" in lanes()
+    assert (tmp_path / "used").read_text() == "new"
 
 
 def test_ctrl_c_ends_all_lanes(tmp_path):
