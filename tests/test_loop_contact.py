@@ -12,8 +12,10 @@ from tests.small_arm import arm, noisy_log
 
 from hybrid_dynamics import predict
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.loop import LoopResult, LoopSettings, close_loop
+from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.boxes import STEP, Interval, Stretch, boxes
+from hybrid_dynamics.loop.contact import Contact, named
+from hybrid_dynamics.loop.prepare import read_motion
 from hybrid_dynamics.loop_report.gather import gather
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -122,6 +124,26 @@ def test_a_push_in_a_test_run_is_told_with_its_time() -> None:
     assert f"run test_51: from {START:.1f}" in line
     assert ELBOW in line
     assert [(e.effect, e.joints) for e in result.model.effects] == [("viscous_friction", (ELBOW,))]
+
+
+@pytest.mark.parametrize(
+    ("size", "seconds", "is_one"),
+    [(2.0, 1.0, True), (0.01, 1.0, False), (2.0, 0.2, False)],
+    ids=["a push", "too weak", "too short"],
+)
+def test_a_contact_is_named_where_it_is_strong_and_lasts(size: float, seconds: float, is_one: bool) -> None:
+    train, test = _logs()
+    runs = read_motion(ROBOT, train, test, LoopSettings()).train
+    dt = float(np.median(np.diff(runs[0].time)))
+    start, rows = len(runs[0].time) // 2, round(seconds / dt)
+    tau = runs[0].tau.copy()
+    tau[start : start + rows, 1] += size
+    pushed = [replace(runs[0], tau=tau), *runs[1:]]
+    mask = [run.mask.copy() for run in pushed]
+    mask[0][start - 30 : start + rows + 30, 1] = False
+    contact = Contact(1, Interval(0, start, start + rows))
+    found = named(Model(ROBOT, (GREASE,)), pushed, mask, [contact], "external_contact")
+    assert [e.joints for e in found] == ([(ELBOW,)] if is_one else [])
 
 
 def test_without_a_push_and_where_none_is_asked_for_none_is_told() -> None:

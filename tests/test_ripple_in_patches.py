@@ -78,3 +78,12 @@ def test_two_periods_within_the_range_are_a_ripple_and_fewer_are_none(second: fl
         assert np.min(np.abs(np.array(near) - true)) < 0.02 * true
     # Control: what has fewer is the foot of something slower.
     assert not any(abs(n - 0.7 * least) < 0.2 * least for n in found(0.7 * least))
+
+
+def test_what_stands_beside_a_large_wave_is_no_second_one() -> None:
+    """The neighbours of a large wave in the spectrum stand above a smaller wave elsewhere."""
+    time = np.arange(4000) / 100.0
+    q = 1.2 * np.sin(2 * np.pi * np.array([0.11, 0.13]) * time[:, None])
+    motion = Motion(ROBOT, time, q, np.gradient(q, 0.01, axis=0), np.zeros_like(q))
+    wave = 2.0 * np.sin(12.0 * q[:, 0] + 0.4) + 0.8 * np.sin(31.0 * q[:, 0] + 1.0)
+    assert _proposed([motion], [np.column_stack([wave, 0 * wave])]) == pytest.approx([12.0, 31.0], rel=0.02)
