@@ -13,7 +13,9 @@ from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.augment import effects_of, refit
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.find import find
+from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.sums import FoldSums
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.types import Array
@@ -146,3 +148,30 @@ def test_the_same_search_from_the_same_judge_ends_alike() -> None:
     assert found[0].steps == found[1].steps
     models = [f.model(f.terms) for f in (found[0], found[0], found[1])]
     assert models[0].effects == models[1].effects == models[2].effects
+
+
+def test_a_law_on_its_bound_at_zero_changes_no_score() -> None:
+    """To the last digit: what another order of the same sum leaves would look like a sure gain."""
+    train, test = excitations(
+        arm(), [Effect("torque_offset", ("elbow",), {"offset": 1.0})], train=2, test=1, duration=6.0
+    )
+    pushed = [run.with_signals(tau=run["tau"] - 0.7 * np.gradient(run["q"], run.dt, axis=0)) for run in train]
+    judge, _, _ = gather(Model(arm()), read_motion(arm(), pushed, test, LoopSettings()), LoopSettings())
+    rest = [Term(name, j) for name in ("torque_offset", "coulomb_friction", "link_inertia") for j in (0, 1)]
+    idle = [Term("viscous_friction", j) for j in (0, 1)]
+    evidence = judge.adding([*rest, *idle]).evidence
+    grams = np.stack([np.cov(np.random.default_rng(k).normal(size=(40, 400))) for k in range(4)])
+    for count in range(1, len(rest) + 1):
+        some = rest[:count]
+        x = evidence.held([*some, *idle]).coordinates
+        assert all(np.all(fold[-2:] == 0.0) for fold in x), "the control: drag that drives is on its bound"
+        assert evidence.held([*some, *idle]).score == evidence.held(some).score
+    # Of whichever column, and however many there are.
+    sums, rng = FoldSums((grams[0],), (grams,), (grams,), np.empty(0)), np.random.default_rng(0)
+    for size in range(3, 38):
+        columns, folds = np.arange(size), list(rng.normal(size=(4, size)))
+        whole = Held.of(sums, [(np.arange(size), columns)], folds, np.ones(1)).score
+        at = int(rng.integers(size + 1))
+        wider = [np.insert(fold, at, 0.0) for fold in folds]
+        with_idle = Held.of(sums, [(np.arange(size + 1), np.insert(columns, at, 38))], wider, np.ones(1)).score
+        assert with_idle == whole

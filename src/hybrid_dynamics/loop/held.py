@@ -36,9 +36,11 @@ class Held:
         errors = np.zeros(len(sums.own))
         x = np.stack(coordinates)
         for j, (grams, (position, column)) in enumerate(zip(sums.own, places, strict=True)):
-            # Of all columns few are used: the whole product would read all of them.
-            used = np.append(column, grams.shape[-1] - 1)
-            v = np.column_stack([-x[:, position], np.ones(len(x))])
+            # Of all columns few are used: the whole product would read all of them. Not those of a law on its bound at
+            # zero either: with it and without it the score is the same to the last digit, and the law is dropped.
+            own = np.any(x[:, position] != 0.0, axis=0)
+            used = np.append(column[own], grams.shape[-1] - 1)
+            v = np.column_stack([-x[:, position[own]], np.ones(len(x))])
             forms = np.sum((v[:, None, :] @ picked(grams, used))[:, 0] * v, axis=1)
             errors[j] = np.maximum(forms, 0.0).sum()
         return cls(tuple(places), tuple(coordinates), errors, float(errors @ weights))
