@@ -113,6 +113,12 @@ class Lanes:
             self.stop()
             raise
 
+    def run_whole(self, commands: dict[str, list[str]]) -> None:
+        """:meth:`run`; raises :class:`HybridDynamicsError` where one fails."""
+        self.run(commands)
+        if self.failed:
+            raise HybridDynamicsError(f"failed: {', '.join(self.failed)}; what it said stands above")
+
     def _one(self, name: str, command: list[str]) -> None:
         with self.slots:
             with self.lock:
@@ -146,8 +152,6 @@ class Lanes:
 
 def only_what_always_runs() -> dict[str, list[str]] | None:
     """Commands of the stages that always run, by name, where no other one has anything to do; else None."""
-    from dvc.repo import Repo  # a second to import
-
     command = [*DVC, "--wait-for-lock", "status", "--json"]
     asked = subprocess.run(command, capture_output=True, text=True, check=False)
     if asked.returncode:
@@ -155,6 +159,8 @@ def only_what_always_runs() -> dict[str, list[str]] | None:
     status: dict[str, list[object]] = json.loads(asked.stdout)
     if not status or any(reasons != ["always changed"] for reasons in status.values()):
         return None
+    from dvc.repo import Repo  # a second to import
+
     commands = {stage.addressing: shlex.split(stage.cmd) for stage in Repo().index.stages if stage.addressing in status}
     # The interpreter that runs this one, wherever the path leads.
     return {name: [sys.executable, *words[1:]] if words[0] == "python" else words for name, words in commands.items()}
@@ -173,10 +179,7 @@ def main() -> None:
     # SIGTERM (a closed terminal, a batch system) ends the lanes as Ctrl-C does.
     signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     if not arguments.dry and (waiting := only_what_always_runs()):
-        lanes = Lanes(arguments.lanes)
-        lanes.run(waiting)
-        if lanes.failed:
-            raise HybridDynamicsError(f"failed: {', '.join(lanes.failed)}; what it said stands above")
+        Lanes(arguments.lanes).run_whole(waiting)
         if only_what_always_runs():
             print("Data and pipelines are up to date: only what always runs has been run.")
             return
@@ -189,10 +192,7 @@ def main() -> None:
             print(f"{title(names)}: {' '.join(names)}")
         return
     if arguments.lanes > 1 and len(found) > 1:
-        lanes = Lanes(arguments.lanes)
-        lanes.run({title(names): [*REPRO, *names] for names in found})
-        if lanes.failed:
-            raise HybridDynamicsError(f"failed: {', '.join(lanes.failed)}; what it said stands above")
+        Lanes(arguments.lanes).run_whole({title(names): [*REPRO, *names] for names in found})
     if subprocess.run(REPRO, check=False).returncode:
         raise HybridDynamicsError("dvc repro failed; what it said stands above")
 

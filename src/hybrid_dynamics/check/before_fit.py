@@ -113,7 +113,7 @@ def checked_log(model: Robot | Completed, log: Trajectory, refuse: bool = True) 
         findings.append(Finding("no_stretch", "hard", text, run=log.name))
     # What a slow log resolves is predicted all the same; that it is little must be known.
     slow = [replace(f, severity="warning") for f in _once(check_rate(pieces)) if f.code == "too_slow"]
-    if not findings and pieces:
+    if not findings:
         findings = check_velocity(body.joint_names, pieces) + check_limits(body, pieces) + slow
         _stop(findings, refuse)
         if any(f.severity == "hard" for f in findings):

@@ -60,7 +60,6 @@ def run(args: argparse.Namespace) -> int:
     from hybrid_dynamics.cli.suggestion import read_plain, write_description
     from hybrid_dynamics.errors import InputError
     from hybrid_dynamics.files import check_once, check_target
-    from hybrid_dynamics.loop import load_model
     from hybrid_dynamics.robots import Robot
 
     console = Console.of(args)
@@ -74,7 +73,11 @@ def run(args: argparse.Namespace) -> int:
         check_target(args.apply_suggestion, inputs)
     check_once(args.data, "--data")
     check_once(args.test, "--test")
-    model = None if args.model is None else load_model(args.model, robot)
+    model = None
+    if args.model is not None:
+        from hybrid_dynamics.loop import load_model  # a tenth of a second to import
+
+        model = load_model(args.model, robot)
     findings = look(robot, model, args.data, args.test, log_form(args))
     hard = _tell(console, findings)
     description, told = combined(read_plain(args), findings, robot.joint_names)
