@@ -90,6 +90,14 @@ def test_against_a_completed_model_a_log_is_looked_at_as_predict_does(logs, tmp_
     assert hard[0]["text"] in capsys.readouterr().err
     assert not out.exists()
 
+    moved = with_velocity(run)
+    write_log(wrong, moved.with_signals(dq=moved["dq"] * [-1, 180 / np.pi]), arm().joint_names)
+    assert command(*asked, wrong) == 2
+    hard = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["severity"] == "hard"]
+    assert len(hard) == 2, "a sign and a unit"
+    assert command("predict", *asked[1:5], "--data", wrong, "--out", out) == 2
+    assert "(1 more: hybrid-dynamics check --model MODEL lists all)" in capsys.readouterr().err
+
 
 def test_against_a_model_nothing_is_passed_that_predict_refuses(logs, tmp_path, capsys, run):
     model = tmp_path / "model.json"

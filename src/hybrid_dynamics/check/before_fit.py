@@ -18,7 +18,7 @@ from hybrid_dynamics.check.torque import check_torque, outvoted
 from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.readers.glitches import MANY, repair, told
-from hybrid_dynamics.readers.resample import resample
+from hybrid_dynamics.readers.resample import NO_STRETCH, resample
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -105,17 +105,18 @@ def checked_log(model: Robot | Completed, log: Trajectory, refuse: bool = True) 
     it would be wrong without a word. Without, that is among the findings, and single wrong samples are.
     """
     body = body_of(model)
+    # A log without torque is one that check looks at beside a model alone.
+    options = "" if isinstance(model, Robot) else " --model MODEL"
     clean, glitches = repair(log)
     pieces = resample(clean)
     findings = check_angles(body, pieces)
     if not pieces:
-        text = "no stretch without a gap too long to interpolate; record without losing rows"
-        findings.append(Finding("no_stretch", "hard", text, run=log.name))
+        findings.append(Finding("no_stretch", "hard", NO_STRETCH, run=log.name))
     # What a slow log resolves is predicted all the same; that it is little must be known.
     slow = [replace(f, severity="warning") for f in _once(check_rate(pieces)) if f.code == "too_slow"]
     if not findings:
         findings = check_velocity(body.joint_names, pieces) + check_limits(body, pieces) + slow
-        _stop(findings, refuse)
+        _stop(findings, refuse, options)
         if any(f.severity == "hard" for f in findings):
             pieces = [_without_velocity(piece) for piece in pieces]
         if "tau" in log and not slow and np.ptp(log["tau"], axis=0).any():
@@ -123,7 +124,7 @@ def checked_log(model: Robot | Completed, log: Trajectory, refuse: bool = True) 
             certain = any(f.severity == "hard" for f in of_torque)
             of_torque = of_torque if certain else [*check_known(model, pieces), *of_torque]
             findings += [_of_held_signals(f, [log]) for f in of_torque]
-    _stop(findings, refuse)
+    _stop(findings, refuse, options)
     if not refuse:
         findings += [
             Finding("glitch", "note", line, run=log.name) for line in told(glitches, body.joint_names, len(log.time))
@@ -206,6 +207,6 @@ def _once(findings: Sequence[Finding]) -> list[Finding]:
     return list(out.values())
 
 
-def _stop(findings: Sequence[Finding], refuse: bool) -> None:
+def _stop(findings: Sequence[Finding], refuse: bool, options: str = "") -> None:
     if refuse:
-        refuse_hard(findings)
+        refuse_hard(findings, options)

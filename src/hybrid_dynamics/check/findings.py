@@ -55,11 +55,12 @@ def ordered(findings: Iterable[Finding]) -> list[Finding]:
     return sorted(findings, key=lambda f: SEVERITIES.index(f.severity))
 
 
-def refuse_hard(findings: Sequence[Finding]) -> None:
-    """Raise :class:`InputError` with the first hard finding; the number of further ones is told."""
+def refuse_hard(findings: Sequence[Finding], options: str = "") -> None:
+    """Raise :class:`InputError` with the first hard finding; how many further ones there are, and that ``check`` with
+    ``options`` lists them, is told."""
     hard = [f for f in findings if f.severity == "hard"]
     if hard:
-        more = "" if len(hard) == 1 else f" ({len(hard) - 1} more: hybrid-dynamics check lists all)"
+        more = "" if len(hard) == 1 else f" ({len(hard) - 1} more: hybrid-dynamics check{options} lists all)"
         raise InputError(hard[0].line + more)
 
 

@@ -22,7 +22,7 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel
 from hybrid_dynamics.loop.uncertainty import Uncertainty
 from hybrid_dynamics.readers.glitches import repair, told
-from hybrid_dynamics.readers.resample import resample
+from hybrid_dynamics.readers.resample import NO_STRETCH, resample
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
 
@@ -117,9 +117,7 @@ def predict(
             notify(f"{log.name}: {line}")
     pieces = resample(log, None, notify)
     if not pieces:
-        raise InputError(
-            f"log {log.name}: no stretch without a gap too long to interpolate; record without losing rows"
-        )
+        raise InputError(f"log {log.name}: {NO_STRETCH}")
     shape = log["q"].shape
     tau, smooth = np.full(shape, np.nan), np.full(shape, np.nan)
     shares = {name: np.full(shape, np.nan) for name in (_names(model) if parts else ())}

@@ -19,6 +19,9 @@ from hybrid_dynamics.errors import require
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
 
+#: What is said of a log of which :func:`resample` leaves nothing.
+NO_STRETCH = "no stretch without a gap too long to interpolate; record without losing rows"
+
 
 @dataclass(frozen=True)
 class ResampleSettings:
