@@ -8,7 +8,7 @@ from typing import Any
 from hybrid_dynamics.effects.units import with_unit
 from hybrid_dynamics.loop.alternatives import INSTEAD
 from hybrid_dynamics.loop_report.parameter_words import place, settings_words, several_words, single_words
-from hybrid_dynamics.loop_report.rest import final_errors, learned, state_of, unproven_shares
+from hybrid_dynamics.loop_report.rest import beyond_friction, final_errors, learned, state_of, unproven_shares
 from hybrid_dynamics.loop_report.words import (
     VARIABLES,
     VERDICTS,
@@ -107,7 +107,8 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
     alarms = dict(zip(joints, diagnosis.get("motion_dependent") or [False] * len(joints), strict=False))
     doubts = dict(zip(joints, diagnosis.get("cannot_tell") or [False] * len(joints), strict=False))
     parted = dict(zip(joints, diagnosis.get("worse_on_test") or [False] * len(joints), strict=False))
-    doubts = {joint: doubt and not parted.get(joint) for joint, doubt in doubts.items()}
+    held = beyond_friction(diagnosis)
+    doubts = {joint: doubt and not (parted.get(joint) or joint in held) for joint, doubt in doubts.items()}
     out, would_be = [], []
     told = {entry["joint"] for entry in diagnosis["unexplained"]}
     for entry in diagnosis["unexplained"]:
@@ -119,6 +120,12 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
             continue
         if parted.get(joint) and not alarms.get(joint):
             out.append(f"not down to noise: {joint}: the test runs leave more than the training runs{looks}")
+            continue
+        if joint in held and not alarms.get(joint):
+            out.append(
+                f"not down to noise: {joint}: while it stands {held[joint]:.3g} {unit} (rms) are left, more than "
+                "friction holds"
+            )
             continue
         out.append(
             f"not down to noise: {joint}: {100 * learned(diagnosis, entry):.2g} % of the mean square that is "

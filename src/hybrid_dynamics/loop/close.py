@@ -26,6 +26,7 @@ from hybrid_dynamics.loop.prepare import Logs, gather, read_motion, resolution
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.loop.standing import beyond_friction
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -123,11 +124,15 @@ def _close(
     parts = list(zip(runs, left, mask, strict=True))
     carried = carried_over(parts[: len(logs.train)], parts[len(logs.train) :], logs.rounded_away, settings)
 
+    standing = beyond_friction(said.model, runs, floor.high, settings)
+
     progress(0.9, "describing what is left")
     # Where runs disagree the evidence is of effects with parameters for every run.
     rival = better_with_everything(judge, [] if found.inconsistent else terms, said.model, logs.test)
     notes = [*plausible.notes, *logs.notes, *searched.notes, *found.notes, *pushed_in_tests(full, logs.test, settings)]
-    diagnosis, models = describe_result(judge, base, terms, found, full, said, floor, carried, rival, logs, notes)
+    diagnosis, models = describe_result(
+        judge, base, terms, found, full, said, floor, carried, standing, rival, logs, notes
+    )
     after = diagnosis.error_moving["test"].after_confirmed
     assert after is not None
     progress(1.0, "done")

@@ -22,6 +22,7 @@ from hybrid_dynamics.loop.identifiability import inconsistent, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.prepare import Logs
+from hybrid_dynamics.loop.standing import Standing
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unexplained import expression_of
 from hybrid_dynamics.robots import Robot
@@ -37,6 +38,7 @@ def describe_result(
     said: Confirmation,
     floor: Floor,
     carried: Carried,
+    standing: Standing,
     rival: Everything,
     logs: Logs,
     notes: Sequence[str],
@@ -100,8 +102,9 @@ def describe_result(
             f"{robot.joint_names[j]}: the test runs leave {carried.times[j]:.3g} times as much as the training runs: "
             "the model does not carry over to them; learn from runs that move as they do"
         )
-    lines = [*rival.notes(robot.joint_names), *lines]
-    explained = ~floor.seen | ~(floor.motion_dependent | floor.cannot_tell | carried.worse | rival.better)
+    lines = [*rival.notes(robot.joint_names), *lines, *standing.notes(robot.joint_names)]
+    something = floor.motion_dependent | floor.cannot_tell | carried.worse | standing.seen | rival.better
+    explained = ~floor.seen | ~something
     diagnosis = {
         "schema": 2,
         "robot": robot.name,
@@ -118,10 +121,11 @@ def describe_result(
         "cannot_tell": [bool(v) for v in floor.cannot_tell],
         "unproven_share": floor.unproven.tolist(),
         "worse_on_test": [bool(v) for v in carried.worse],
+        "beyond_friction": standing.rms.tolist(),
         "autocorrelation": floor.autocorrelation.tolist(),
         "extrapolation": outside,
         "unexplained": [
-            _unexplained(robot, said.model, logs, judge, floor, carried, rival, int(j))
+            _unexplained(robot, said.model, logs, judge, floor, carried, standing, rival, int(j))
             for j in np.flatnonzero(~explained)
         ],
         "not_identifiable": [
@@ -144,17 +148,19 @@ def _unexplained(
     judge: Judge,
     floor: Floor,
     carried: Carried,
+    standing: Standing,
     rival: Everything,
     joint: int,
 ) -> dict[str, Any]:
     # Of what is left, the share that a black box removes; where none can be learned, what second differences deny;
-    # where the test runs alone leave more, what they leave beyond the training runs; what a fit of everything takes.
+    # where the test runs alone leave more, what they leave beyond the training runs; what stands beyond
+    # friction; what a fit of everything takes.
     share = float(floor.learnable_share[joint])
     if not floor.motion_dependent[joint]:
         share = max(1.0 - float(floor.low[joint] / max(floor.value[joint], 1e-300)) ** 2, 0.0)
     if carried.worse[joint]:
         share = max(share, 1.0 - 1.0 / float(carried.times[joint]) ** 2)
-    share = max(share, 1.0 - 1.0 / float(rival.times[joint]))
+    share = max(share, float(standing.share[joint]), 1.0 - 1.0 / float(rival.times[joint]))
     return {
         "joint": robot.joint_names[joint],
         "share_of_residual_variance": share,

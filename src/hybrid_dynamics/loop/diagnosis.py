@@ -123,7 +123,8 @@ class Diagnosis:
     ``noise_floor`` [N m] lies between ``_low`` and ``_high``; ``learnable_share`` of what is left a black box trained
     on other runs still removes; ``motion_dependent``: the alarm; ``cannot_tell``: neither alarm nor all-clear;
     ``unproven_share``: why not, where a black box removes so much on held-out rows, which may be chance (else 0);
-    ``worse_on_test``: the test runs leave surely more than the training runs.
+    ``worse_on_test``: the test runs leave surely more than the training runs; ``beyond_friction`` (rms) is left while
+    the joint stands and more than friction holds (else 0).
     ``prismatic`` joints slide: [N] and [m] in the place of [N m] and [rad].
 
     >>> import json
@@ -148,6 +149,7 @@ class Diagnosis:
     cannot_tell: tuple[bool, ...] = ()
     unproven_share: tuple[float, ...] = ()
     worse_on_test: tuple[bool, ...] = ()
+    beyond_friction: tuple[float, ...] = ()
     autocorrelation: tuple[float, ...] = ()
     extrapolation: tuple[Mapping[str, Any], ...] = ()
     not_identifiable: tuple[Mapping[str, str], ...] = ()
@@ -213,6 +215,7 @@ _SIZES = (
     "learnable_share",
     "unproven_share",
     "autocorrelation",
+    "beyond_friction",
 )
 _FLAGS = ("motion_dependent", "cannot_tell", "worse_on_test")
 

@@ -125,6 +125,18 @@ class Model:
         now = Readings(self.readings.offset, self.readings.gain)
         return np.asarray(predict_acting(changed, law, now, at[0], at[1], at[2])[0])
 
+    def turning(
+        self, q: Array, dq: Array, ddq: Array, speed: float, time: Array | None = None, began: float | None = None
+    ) -> tuple[Array, Array]:
+        """Recorded torques (T, n) [N m] if every joint went forward and backward at ``speed`` [rad/s], by its effects,
+        and for the rest as it moves in one run: their middle, and half their distance, which friction holds at rest."""
+        rigid = self.completed_robot.inverse_dynamics(np.asarray(q, float) + self.readings.offset, dq, ddq)
+        ahead, back = (
+            acting_torques(*self._momentary, self.readings, q, np.full_like(dq, side), ddq, time, rigid, began)[1]
+            for side in (speed, -speed)
+        )
+        return self.recorded(0.5 * (ahead + back), time), self.recorded(0.5 * np.abs(ahead - back), time)
+
     @cached_property
     def _momentary(self) -> tuple[Robot, StateTorque]:
         return with_effects(self.robot, self._everywhere)

@@ -77,6 +77,7 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
             f"no joint moves more than {settings.process.moving_range} rad in the training runs; expected logs of a "
             "robot in motion"
         )
+    notes += _without_motion(robot, moving, moving_joints(tests, settings.process), bool(test), settings)
     step = torque_step(learned)
     for joint in np.flatnonzero(moving & np.isinf(step)):
         notes.append(
@@ -87,6 +88,22 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
         for run in [*runs, *tests]:
             run.mask[:, joint] = False
     return Logs(runs, tests, moving, np.where(np.isinf(step), 0.0, step), notes)
+
+
+def _without_motion(
+    robot: Robot, moving: NDArray[np.bool_], tested: NDArray[np.bool_], given: bool, settings: LoopSettings
+) -> list[str]:
+    """A line for the joints that are ``moving`` (n,) in the training runs and stand in the test runs, if not all do."""
+    names = [robot.joint_names[j] for j in np.flatnonzero(moving & ~tested)]
+    if len(names) == int(moving.sum()):
+        where = "the test runs" if given else "the last part of the training runs, which is held out"
+        remedy = "or none: the end of every training run is held out then" if given else "as test runs"
+        raise InputError(
+            f"no joint moves more than {settings.process.moving_range} rad in {where}: nothing that is found can be "
+            f"proved there; give runs in motion {remedy}"
+        )
+    told = f"{', '.join(names)}: stands still in the test runs, which say nothing of what is found on it"
+    return [told] if names else []
 
 
 def torque_step(runs: Sequence[Trajectory]) -> Array:

@@ -11,6 +11,10 @@ Diagnosis = Mapping[str, Any]
 ALARM, SLOW = "still depends on the motion", "cannot be told from noise"
 PARTED = "more on the test runs than on the training runs"
 ABOVE = "above the noise; no cause found"
+#: Where a hand, a stop, a brake or a load holds a joint that stands, or friction of which the model knows nothing.
+HELD = "while it stands, more than friction holds"
+#: A joint that says nothing on the test runs.
+UNTESTED = "stands still in the test runs"
 #: Where all samples together are above the noise and those in which the joint moves are not.
 STANDING = "noise in motion, more at standstill"
 #: Times the upper bound of the floor beyond which a held-out error is more than noise.
@@ -38,6 +42,12 @@ def unproven_shares(d: Diagnosis) -> dict[str, float]:
     return {joint: float(size) for joint, size in zip(d["joints"], sizes, strict=True) if size}
 
 
+def beyond_friction(d: Diagnosis) -> dict[str, float]:
+    """Of the joints that leave more while they stand than friction holds, the rms of it."""
+    sizes = d.get("beyond_friction") or [0.0] * len(d["joints"])
+    return {joint: float(size) for joint, size in zip(d["joints"], sizes, strict=True) if size}
+
+
 def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
     """(kind, words) of what is left on a joint; kinds are ``good``, ``open`` and ``unseen``."""
     name = d["joints"][joint]
@@ -47,13 +57,23 @@ def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
         return "open", ALARM
     if flags(d, "worse_on_test")[joint]:
         return "open", PARTED
+    if beyond_friction(d).get(name):
+        return "open", HELD
     if flags(d, "cannot_tell")[joint]:
         return "open", SLOW
     if "motion_dependent" not in d and name in {entry["joint"] for entry in d["unexplained"]}:
         return "open", "something is left"
+    if not tested(d, joint):
+        return "unseen", UNTESTED
     if _above_noise(d, joint, "error_moving" if "error_moving" in d else "error"):
         return "open", ABOVE
     return ("open", STANDING) if _above_noise(d, joint, "error") else ("good", "down to the noise")
+
+
+def tested(d: Diagnosis, joint: int) -> bool:
+    """False where the joint moves on no sample of the test runs."""
+    # The error over no samples is zero to the last bit, and no other is.
+    return "error_moving" not in d or final_errors(d, of="error_moving")["rmse"][joint] != 0.0
 
 
 def _above_noise(d: Diagnosis, joint: int, of: str) -> bool:

@@ -10,7 +10,9 @@ from hybrid_dynamics.loop.described import WORSE
 from hybrid_dynamics.loop_report.rest import (
     ABOVE,
     STANDING,
+    UNTESTED,
     Diagnosis,
+    beyond_friction,
     final_errors,
     flags,
     learned,
@@ -28,7 +30,10 @@ VERDICTS = {
 _BESIDE = {
     ABOVE: "the held-out error is above the noise, and these runs show no cause",
     STANDING: "noise in motion, more at standstill, where the motion does not determine friction",
+    UNTESTED: "stands still in the test runs, which say nothing of what was found on it",
 }
+#: What may hold a joint that stands, where friction does not.
+_HOLDS = "more than friction holds: a hand, a stop, a brake, a load or friction that the model does not know"
 #: Words of notes on what the starting model had of an effect; its value tells that too.
 _WITH_VALUES = ("since the starting model", "in all, of which the URDF gives")
 #: Joints that are named one by one, however few the others are.
@@ -325,6 +330,9 @@ def still_open(d: Diagnosis) -> list[str]:
             )
         elif flags(d, "worse_on_test")[j]:
             out.append(f"{entry['joint']}: the test runs leave more than the training runs; no cause found.")
+        elif size := beyond_friction(d).get(entry["joint"]):
+            unit = effort_unit(d, entry["joint"])
+            out.append(f"{entry['joint']}: while it stands {number(size, 3)} {unit} (rms) are left, {_HOLDS}.")
         else:
             size = unproven_shares(d).get(entry["joint"])
             why = (

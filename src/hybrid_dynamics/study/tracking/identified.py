@@ -27,6 +27,7 @@ _PER_JOINT = (
     "motion_dependent",
     "cannot_tell",
     "worse_on_test",
+    "beyond_friction",
     "autocorrelation",
 )
 
