@@ -190,6 +190,12 @@ def test_an_effects_row_tells_every_setting() -> None:
         "piecewise in q; knots: -1, 0.1235, 2"
     )
     assert told("torque_offset", held_within=1.22) == "held within: 1.22"
+    # Friction in proportion to a load has a coefficient without a unit; its joint turns all the same, or slides.
+    load = entry("load_dependent_friction", ["a"], [parameter("load_coefficient", 0.1, 0.01, "1", "a")])
+    for slides, length in (((), "rad"), (("a",), "m"), (("b",), "rad")):
+        assert row_words(load | {"settings": {"sign_displacement": 1e-4}}, slides) == [
+            f"sign turns over 0.0001 {length}"
+        ]
     # One that comes later is told too.
     assert told("viscous_friction", form="cubic") == "form: cubic"
 

@@ -214,7 +214,8 @@ def parameter_lines(diagnosis: Mapping[str, Any]) -> list[str]:
             words = f"{title_of(p['name'])} {value_of(entry, p)}{' (left open)' if left_open(entry, p) else ''}"
             bodies.setdefault(p.get("joint"), []).append(words)
         mark = "" if confirmed(entry) else " (contradicted, not in the model)"
-        own = [*(next(iter(bodies.values())) if len(bodies) == 1 else []), *settings_words(entry, placed=True)]
+        own = next(iter(bodies.values())) if len(bodies) == 1 else []
+        own = [*own, *settings_words(entry, placed=True, slides=slides(diagnosis))]
         out.append(f"{place(entry)}: {', '.join(own)}{mark}" if own else f"{place(entry)}{mark}")
         if len(bodies) > 1:
             # Ten numbers a link: a line a link.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from hybrid_dynamics.loop_report.words import (
@@ -150,8 +150,9 @@ def _open_mass(entries: Sequence[Entry]) -> list[str]:
     return ["mass left open by these motions"] if open_mass else []
 
 
-def settings_words(entry: Entry, placed: bool = False) -> list[str]:
-    """What is not a number that was identified; with ``placed`` all of it: also how dry friction turns over."""
+def settings_words(entry: Entry, placed: bool = False, slides: Collection[str] = ()) -> list[str]:
+    """What is not a number that was identified; with ``placed`` all of it: also how dry friction turns over. ``slides``
+    are the prismatic joints."""
     settings = dict(entry.get("settings") or {})
     out = []
     if settings.get("sign_of") in ("sum", "difference"):
@@ -174,8 +175,7 @@ def settings_words(entry: Entry, placed: bool = False) -> list[str]:
         out.append(f"{start:.4g} to {end:.4g} s")
     if "only_run" in settings:
         out.append(f"in run {settings['only_run']} alone")
-    # Friction at a joint that turns has torques; at one that slides, forces.
-    length = "rad" if any("N m" in p["unit"] for p in entry["parameters"]) else "m"
+    length = "m" if any(joint in slides for joint in entry.get("joints") or ()) else "rad"
     if placed and settings.get("sign_width"):
         out.append(f"sign turns over {settings['sign_width']:g} {length}/s")
     if placed and settings.get("sign_displacement"):
@@ -188,10 +188,10 @@ def settings_words(entry: Entry, placed: bool = False) -> list[str]:
     return out
 
 
-def row_words(entry: Entry) -> list[str]:
+def row_words(entry: Entry, slides: Collection[str] = ()) -> list[str]:
     """:func:`settings_words` where a row stands under its joint: the partner of a coupling too."""
     partner = [place(entry).removeprefix(f"{title_of(entry['effect'])} ")] if _coupled(entry) else []
-    return partner + settings_words(entry, placed=True)
+    return partner + settings_words(entry, placed=True, slides=slides)
 
 
 def _coupled(entry: Entry) -> bool:

@@ -214,7 +214,7 @@ class Effects(LoopSection):
                     "body": len(shown) > 4,
                     "open": sum(bool(p["left_open"]) for p in shown),
                     "parameters": shown,
-                    "settings": ", ".join(row_words(entry)),
+                    "settings": ", ".join(row_words(entry, words.slides(self.diagnosis))),
                     "width": 100 * group.contribution[place] / largest,
                     "adds": words.number(group.contribution[place], 3),
                     "adds_unit": words.effort_unit(self.diagnosis, group.contribution_joint[place]),
