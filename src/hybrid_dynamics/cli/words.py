@@ -108,24 +108,23 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
     doubts = dict(zip(joints, diagnosis.get("cannot_tell") or [False] * len(joints), strict=False))
     parted = dict(zip(joints, diagnosis.get("worse_on_test") or [False] * len(joints), strict=False))
     held = beyond_friction(diagnosis)
-    doubts = {joint: doubt and not (parted.get(joint) or joint in held) for joint, doubt in doubts.items()}
+    doubts = {joint: doubt and not parted.get(joint) for joint, doubt in doubts.items()}
     out, would_be = [], []
     told = {entry["joint"] for entry in diagnosis["unexplained"]}
     for entry in diagnosis["unexplained"]:
         joint, expression = entry["joint"], entry.get("expression") or "0"
         unit = effort_unit(diagnosis, joint)
         looks = "" if expression == "0" else f"; it looks like {expression} [{unit}]"
+        if joint in held:
+            rest = f"while it stands {held[joint]:.3g} {unit} (rms) are left, more than friction holds"
+            out.append(f"not down to noise: {joint}: {rest}")
+            if not (alarms.get(joint) or parted.get(joint) or doubts.get(joint)):
+                continue
         if doubts.get(joint):
             would_be += [] if expression == "0" else [f"{joint} {expression} [{unit}]"]
             continue
         if parted.get(joint) and not alarms.get(joint):
             out.append(f"not down to noise: {joint}: the test runs leave more than the training runs{looks}")
-            continue
-        if joint in held and not alarms.get(joint):
-            out.append(
-                f"not down to noise: {joint}: while it stands {held[joint]:.3g} {unit} (rms) are left, more than "
-                "friction holds"
-            )
             continue
         out.append(
             f"not down to noise: {joint}: {100 * learned(diagnosis, entry):.2g} % of the mean square that is "

@@ -122,9 +122,10 @@ def _close(
     mask = [*judge.evidence.mask, *(run.mask for run in logs.test)]
     floor = examine(runs, left, mask, resolution(logs, settings), logs.rounded_away, settings)
     parts = list(zip(runs, left, mask, strict=True))
-    carried = carried_over(parts[: len(logs.train)], parts[len(logs.train) :], logs.rounded_away, settings)
+    learned, held_out = parts[: len(logs.train)], parts[len(logs.train) :]
+    carried = carried_over(learned, held_out, logs.rounded_away, settings)
 
-    standing = beyond_friction(said.model, runs, floor.high, settings)
+    standing = beyond_friction(said.model, learned, held_out, floor.high, settings)
 
     progress(0.9, "describing what is left")
     # Where runs disagree the evidence is of effects with parameters for every run.

@@ -102,7 +102,7 @@ def describe_result(
             f"{robot.joint_names[j]}: the test runs leave {carried.times[j]:.3g} times as much as the training runs: "
             "the model does not carry over to them; learn from runs that move as they do"
         )
-    lines = [*rival.notes(robot.joint_names), *lines, *standing.notes(robot.joint_names)]
+    lines = [*rival.notes(robot.joint_names), *lines, *standing.notes(robot.joint_names, robot.prismatic)]
     something = floor.motion_dependent | floor.cannot_tell | carried.worse | standing.seen | rival.better
     explained = ~floor.seen | ~something
     diagnosis = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.resources import files
@@ -16,6 +16,7 @@ import numpy as np
 from hybrid_dynamics.effects import Effect, Readings, StateTorque, Term, family, readings, split_key, with_effects
 from hybrid_dynamics.effects.acting import acting_torques, predict_acting, recorded
 from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.sign import WIDTH
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
 from hybrid_dynamics.files import json_text, write_text
@@ -126,16 +127,37 @@ class Model:
         return np.asarray(predict_acting(changed, law, now, at[0], at[1], at[2])[0])
 
     def turning(
-        self, q: Array, dq: Array, ddq: Array, speed: float, time: Array | None = None, began: float | None = None
+        self,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+        speed: float,
+        joints: Sequence[int],
+        time: Array | None = None,
+        began: float | None = None,
     ) -> tuple[Array, Array]:
-        """Recorded torques (T, n) [N m] if every joint went forward and backward at ``speed`` [rad/s], by its effects,
-        and for the rest as it moves in one run: their middle, and half their distance, which friction holds at rest."""
+        """Recorded torques (T, k) [N m] of ``joints`` if each alone went forward and backward at ``speed`` [rad/s], by
+        its effects, and for the rest of them as all moves in one run: their middle, and half their distance.
+
+        Friction holds the second at rest, all of it: a sign that turns over slowly in motion has turned over here.
+        """
+        _, law = self._sharp
         rigid = self.completed_robot.inverse_dynamics(np.asarray(q, float) + self.readings.offset, dq, ddq)
-        ahead, back = (
-            acting_torques(*self._momentary, self.readings, q, np.full_like(dq, side), ddq, time, rigid, began)[1]
-            for side in (speed, -speed)
-        )
-        return self.recorded(0.5 * (ahead + back), time), self.recorded(0.5 * np.abs(ahead - back), time)
+        middle, half = np.zeros((2, *rigid.shape))
+        for j in joints:
+            there = np.array(dq, float)
+            sides = []
+            for way in (speed, -speed):
+                there[:, j] = way
+                acting = acting_torques(self.completed_robot, law, self.readings, q, there, ddq, time, rigid, began)
+                sides.append(acting[1][:, j])
+            middle[:, j], half[:, j] = 0.5 * (sides[0] + sides[1]), 0.5 * np.abs(sides[0] - sides[1])
+        return self.recorded(middle, time)[:, joints], self.recorded(half, time)[:, joints]
+
+    @cached_property
+    def _sharp(self) -> tuple[Robot, StateTorque]:
+        sharp = [replace(e, settings={k: v for k, v in e.settings.items() if k != WIDTH}) for e in self._everywhere]
+        return with_effects(self.robot, sharp)
 
     @cached_property
     def _momentary(self) -> tuple[Robot, StateTorque]:

@@ -77,7 +77,6 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
             f"no joint moves more than {settings.process.moving_range} rad in the training runs; expected logs of a "
             "robot in motion"
         )
-    notes += _without_motion(robot, moving, moving_joints(tests, settings.process), bool(test), settings)
     step = torque_step(learned)
     for joint in np.flatnonzero(moving & np.isinf(step)):
         notes.append(
@@ -87,22 +86,29 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
         moving[joint] = False
         for run in [*runs, *tests]:
             run.mask[:, joint] = False
+    notes += _untested(robot, moving, tests, bool(test), settings)
     return Logs(runs, tests, moving, np.where(np.isinf(step), 0.0, step), notes)
 
 
-def _without_motion(
-    robot: Robot, moving: NDArray[np.bool_], tested: NDArray[np.bool_], given: bool, settings: LoopSettings
+def _untested(
+    robot: Robot, moving: NDArray[np.bool_], tests: Sequence[Run], given: bool, settings: LoopSettings
 ) -> list[str]:
-    """A line for the joints that are ``moving`` (n,) in the training runs and stand in the test runs, if not all do."""
-    names = [robot.joint_names[j] for j in np.flatnonzero(moving & ~tested)]
-    if len(names) == int(moving.sum()):
+    """A line for the joints that are ``moving`` (n,) in the training runs and stand in the ``tests``, if not all do."""
+    still = moving & ~np.any([run.mask.any(axis=0) for run in tests], axis=0)
+    names = [robot.joint_names[j] for j in np.flatnonzero(still)]
+    if names and bool(np.all(still == moving)):
         where = "the test runs" if given else "the last part of the training runs, which is held out"
-        remedy = "or none: the end of every training run is held out then" if given else "as test runs"
-        raise InputError(
-            f"no joint moves more than {settings.process.moving_range} rad in {where}: nothing that is found can be "
-            f"proved there; give runs in motion {remedy}"
+        remedy = (
+            "give test runs in motion, or none: the end of every training run is held out then"
+            if given
+            else "cut off the end at which the robot rests, or give test runs in motion"
         )
-    told = f"{', '.join(names)}: stands still in the test runs, which say nothing of what is found on it"
+        raise InputError(
+            f"no joint moves faster than {settings.process.slow_speed} rad/s in {where}, where what is "
+            f"found has to prove itself; {remedy}"
+        )
+    stand = "stand" if len(names) > 1 else "stands"
+    told = f"{', '.join(names)}: {stand} still in the test runs, which say nothing of what is found on it"
     return [told] if names else []
 
 

@@ -7,87 +7,157 @@ a load that the model does not know, and an all-clear beside it would be none.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import find_objects, label
 
-from hybrid_dynamics.loop.diagnosis import moving_rms
+from hybrid_dynamics.effects import family
+from hybrid_dynamics.effects.base import INTERVALS
+from hybrid_dynamics.effects.units import unit_at
+from hybrid_dynamics.loop.carried import Left
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.types import Array
 
+Mask = NDArray[np.bool_]
 #: Friction holds up to so many times what it brakes with at slow speed: the torque at which a joint breaks away.
 BREAKS_AWAY = 2.0
 #: Noise reaches so many times its rms, and now and then farther.
 NOISE = 4.0
-#: It is told where it lasts so long [s], and for such a share of the time at which the joint stands.
+#: It is told of a run in which it lasts so long [s] in all, and for such a share of the time at which the joint stands.
 LASTS, SHARE = 0.5, 0.05
+#: A low-pass has forgotten what was there so many of its time constants before.
+FORGETS = 4.0
+#: Median of the size of normal noise, in standard deviations.
+MEDIAN = 0.6745
+#: Stretches told of a run.
+_TOLD = 3
 
 
 @dataclass(frozen=True)
 class Standing:
-    """Per joint (n,), where it stands and more is left than friction holds: for how many ``seconds``, by how much
-    (``rms`` [N m]), beside the friction that ``held`` [N m] on the average; the ``share`` of these samples in the
-    squares of all that is left; ``longest``: the run that has most of it, and between which stamps [s] of it. All 0 or
-    empty where nothing of that is seen."""
+    """Per joint (n,), where it stands and more is left than friction holds: for how many ``seconds`` in all, by how
+    much (``rms`` [N m]), beside the friction that ``held`` [N m] on the average; the ``share`` of these samples in the
+    squares of all that is left; ``where``: runs, and between which of their stamps [s]. All 0 or empty where nothing of
+    that is seen."""
 
     seconds: Array
     rms: Array
     held: Array
     share: Array
-    longest: tuple[str, ...]
+    where: tuple[str, ...]
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Mask:
         """(n,) joints where it is."""
         return np.asarray(self.seconds > 0)
 
-    def notes(self, joints: Sequence[str]) -> list[str]:
-        """A line a joint."""
-        return [
-            f"{joints[j]}: while it stands {self.rms[j]:.3g} (rms, for {self.seconds[j]:.3g} s, {self.longest[j]}) are "
-            f"left, of which friction as it was found holds {self.held[j]:.3g}: a hand, a stop, a brake, a load or "
-            "friction that the model does not know; leave those moments out, or look what they have in common"
-            for j in map(int, np.flatnonzero(self.seen))
-        ]
+    def notes(self, joints: Sequence[str], slides: Collection[str] = ()) -> list[str]:
+        """A line a joint; ``slides`` are the prismatic ones."""
+        lines = []
+        for j in map(int, np.flatnonzero(self.seen)):
+            unit = unit_at("N m", joints[j], slides)
+            lines.append(
+                f"{joints[j]}: while it stands {self.rms[j]:.3g} {unit} are left (rms, {self.seconds[j]:.3g} s in all: "
+                f"{self.where[j]}), of which friction as it was found holds {self.held[j]:.3g} {unit}: a hand, a stop, "
+                "a brake, a load or friction that the model does not know; leave those moments out, or look what they "
+                "have in common"
+            )
+        return lines
 
 
-def beyond_friction(model: Model, runs: Sequence[Run], floor: Array, settings: LoopSettings) -> Standing:
-    """What ``model`` leaves at standstill of ``runs`` that its own friction does not hold.
+def beyond_friction(
+    model: Model, train: Sequence[Left], test: Sequence[Left], floor: Array, settings: LoopSettings
+) -> Standing:
+    """What ``model`` leaves at standstill of any run that its own friction does not hold.
 
     ``floor`` (n,) [N m]: noise of the torque, at most; 0 where a joint never moves, of which nothing is said.
     """
-    # What the model is off by in motion it may be off by at rest: that has been told already.
-    moving = moving_rms(model, runs)
-    noise, speed = np.maximum(floor, moving), settings.process.slow_speed
-    stood, square, held, moved = np.zeros((4, len(floor)))
-    seconds = np.zeros((len(runs), len(floor)))
-    where = [[""] * len(floor) for _ in runs]
-    for r, run in enumerate(runs):
-        m, dt = run.motion, float(run.time[1] - run.time[0])
-        middle, half = model.in_run(run.name).turning(m.q, m.dq, m.ddq, speed, m.time, m.began)
-        left, holds = run.tau - run.smooth(middle), run.smooth(half)
-        slow = run.smooth((np.abs(m.dq) < speed).astype(float)) > 1.0 - 1e-9
-        far = slow & (np.abs(left) > BREAKS_AWAY * holds + NOISE * noise)
-        seconds[r] = dt * far.sum(axis=0)
-        stood += dt * slow.sum(axis=0)
-        square += dt * np.sum(left**2 * far, axis=0)
-        held += dt * np.sum(holds * far, axis=0)
-        moved += dt * run.mask.sum(axis=0)
-        for j in np.flatnonzero(far.any(axis=0)):
-            at = run.time[far[:, j]]
-            where[r][j] = f"most in run {run.name} between {at[0]:.2f} and {at[-1]:.2f} s"
-    total = seconds.sum(axis=0)
-    seen = (floor > 0) & (total >= np.maximum(LASTS, SHARE * stood))
-    time = np.where(seen, total, np.inf)
-    whole = np.maximum(square + moved * moving**2, 1e-300)
+    n, speed = len(floor), settings.process.slow_speed
+    known = np.maximum(floor, _rms(train))
+    seconds, square, held = np.zeros((3, n))
+    where: list[list[str]] = [[] for _ in range(n)]
+    for part, noise in ((train, known), (test, np.maximum(known, _usual(test)))):
+        for run, _, _ in part:
+            slow = _standing(model, run, speed)
+            dt = float(run.time[1] - run.time[0])
+            stood = dt * slow.sum(axis=0)
+            joints = [int(j) for j in np.flatnonzero((floor > 0) & (stood >= LASTS))]
+            if not joints:
+                continue
+            m = run.motion
+            middle, half = model.in_run(run.name).turning(m.q, m.dq, m.ddq, speed, joints, m.time, m.began)
+            left, holds = run.tau[:, joints] - run.smooth(middle), run.smooth(half)
+            far = slow[:, joints] & (np.abs(left) > BREAKS_AWAY * holds + NOISE * noise[joints])
+            for k, j in enumerate(joints):
+                own = far[:, k] & ~_beside_contacts(model, run, j)
+                lasted = dt * float(own.sum())
+                if lasted >= max(LASTS, SHARE * stood[j]):
+                    seconds[j] += lasted
+                    square[j] += dt * np.sum(left[own, k] ** 2)
+                    held[j] += dt * np.sum(holds[own, k])
+                    where[j].append(f"run {run.name} {_stretches(run, own)}")
+    time = np.where(seconds > 0, seconds, 1.0)
+    whole = np.maximum(square + _squares([*train, *test]), 1e-300)
     return Standing(
-        np.where(seen, total, 0.0),
-        np.sqrt(square / time),
-        held / time,
-        np.where(seen, square / whole, 0.0),
-        tuple(where[int(r)][j] if seen[j] else "" for j, r in enumerate(seconds.argmax(axis=0))),
+        seconds, np.sqrt(square / time), held / time, square / whole, tuple("; ".join(lines) for lines in where)
     )
+
+
+def _standing(model: Model, run: Run, speed: float) -> Mask:
+    """(K, n) where each joint has been slower than ``speed`` over the filter's window, and for as long as the torque of
+    the motion before is still recorded."""
+    slow = run.smooth((np.abs(run.motion.dq) < speed).astype(float)) > 1.0 - 1e-9
+    read = model.in_run(run.name).readings
+    rows = np.arange(len(slow))[:, None]
+    last = np.maximum.accumulate(np.where(slow, -len(slow), rows), axis=0)
+    since = (rows - last) * float(run.time[1] - run.time[0])
+    return np.asarray(slow & (since > read.delay + FORGETS * read.lag))
+
+
+def _beside_contacts(model: Model, run: Run, joint: int) -> Mask:
+    """(K,) where ``joint`` does not move, before or after it is pushed as the model knows: that ends with the motion
+    that shows it, and the push may go on."""
+    rest, known = ~run.mask[:, joint], np.zeros(len(run.time), bool)
+    since = run.time - (run.motion.began or 0.0)
+    for effect in model.in_run(run.name).effects:
+        if family(effect.effect).momentary and effect.joint_index(model.robot) == joint:
+            for start, end in effect.settings[INTERVALS]:
+                known |= (since >= start - 1.0 / run.cutoff) & (since <= end + 1.0 / run.cutoff)
+    parts, _ = label(rest)
+    return np.asarray(rest & np.isin(parts, np.unique(parts[known & rest])))
+
+
+def _stretches(run: Run, rows: Mask) -> str:
+    """``from 1.00 to 1.50 s and from 3.00 to 4.25 s``: the longest of ``rows`` (K,), in their order."""
+    found = [s[0] for s in find_objects(label(rows)[0])]
+    longest = sorted(sorted(found, key=lambda s: s.start - s.stop)[:_TOLD], key=lambda s: s.start)
+    told = [f"from {run.time[s.start]:.2f} to {run.time[s.stop - 1]:.2f} s" for s in longest]
+    more = [f"{len(found) - _TOLD} more"] if len(found) > _TOLD else []
+    return " and ".join([*told, *more])
+
+
+def _squares(parts: Sequence[Left]) -> Array:
+    """(n,) [N m]^2 s of what is left where a joint moves."""
+    squares = [float(r.time[1] - r.time[0]) * np.sum(left**2 * keep, axis=0) for r, left, keep in parts]
+    return np.asarray(np.sum(squares, axis=0))
+
+
+def _rms(parts: Sequence[Left]) -> Array:
+    """(n,) [N m] of what is left on the rows that count."""
+    count = np.sum([keep.sum(axis=0) for _, _, keep in parts], axis=0)
+    square = np.sum([np.sum(left**2 * keep, axis=0) for _, left, keep in parts], axis=0)
+    return np.asarray(np.sqrt(square / np.maximum(count, 1)))
+
+
+def _usual(parts: Sequence[Left]) -> Array:
+    """(n,) [N m] of what is left in motion for the most part: of runs that nobody has cleared of what happened once."""
+    out = []
+    for j in range(parts[0][1].shape[1]):
+        own = np.concatenate([left[keep[:, j], j] for _, left, keep in parts])
+        out.append(float(np.median(np.abs(own))) / MEDIAN if len(own) else 0.0)
+    return np.array(out)

@@ -262,6 +262,7 @@ def _how_much(d: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
         rest.ALARM: f"{words.share(rest.learned(d, entry))} can be learned from the motion",
         rest.SLOW: f"{size} changes slowly, or follows the motion by what may be chance",
         rest.PARTED: f"{size} is more than noise, or than the training runs leave",
+        rest.HELD: f"{size} is there while the joint stands",
     }.get(rest.state_of(d, list(d["joints"]).index(entry["joint"]))[1], size)
 
 

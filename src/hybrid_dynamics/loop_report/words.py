@@ -320,6 +320,11 @@ def still_open(d: Diagnosis) -> list[str]:
     for entry in d["unexplained"]:
         j = list(d["joints"]).index(entry["joint"])
         part = share(entry["share_of_residual_variance"])
+        if size := beyond_friction(d).get(entry["joint"]):
+            unit = effort_unit(d, entry["joint"])
+            out.append(f"{entry['joint']}: while it stands {number(size, 3)} {unit} (rms) are left, {_HOLDS}.")
+            if not (dependent[j] or flags(d, "worse_on_test")[j] or flags(d, "cannot_tell")[j]):
+                continue
         if "motion_dependent" not in d:
             out.append(f"{entry['joint']}: {part} of what is left (variance) is not noise.")
         elif dependent[j]:
@@ -330,9 +335,6 @@ def still_open(d: Diagnosis) -> list[str]:
             )
         elif flags(d, "worse_on_test")[j]:
             out.append(f"{entry['joint']}: the test runs leave more than the training runs; no cause found.")
-        elif size := beyond_friction(d).get(entry["joint"]):
-            unit = effort_unit(d, entry["joint"])
-            out.append(f"{entry['joint']}: while it stands {number(size, 3)} {unit} (rms) are left, {_HOLDS}.")
         else:
             size = unproven_shares(d).get(entry["joint"])
             why = (
