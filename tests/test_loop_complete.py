@@ -62,6 +62,19 @@ def test_friction_and_offset_that_hide_each_other_are_named_together(monkeypatch
     assert sum(names == truth for names in named(hidden)) <= 1
 
 
+def test_each_joint_asks_at_its_share_of_the_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    hidden = [
+        Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 2.0}),
+        Effect("torque_offset", (SHOULDER,), {"offset": 2.0}),
+    ]
+    judge, terms = judged(hidden, SEEDS[0])
+    share = judge.settings.significance / judge.evidence.n
+    for chance, asked in ((0.9 * share, True), (1.1 * share, False)):
+        monkeypatch.setattr(complete_module, "_chance", lambda *_, p=chance: p)
+        names = ["coulomb_friction", "torque_offset"]
+        assert bool(complete_module._together(judge, [], terms, names, 0)) is asked
+
+
 def test_nothing_is_named_together_where_nothing_is() -> None:
     assert named([]) == [set()] * len(SEEDS)
 
