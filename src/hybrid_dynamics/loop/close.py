@@ -129,7 +129,7 @@ def _close(
 
     progress(0.9, "describing what is left")
     # Where runs disagree the evidence is of effects with parameters for every run.
-    rival = better_with_everything(judge, [] if found.inconsistent else terms, said.model, logs.test)
+    rival = better_with_everything(judge, [] if found.inconsistent else terms, said.model, logs.test, logs.rounded_away)
     notes = [*plausible.notes, *logs.notes, *searched.notes, *found.notes, *pushed_in_tests(full, logs.test, settings)]
     diagnosis, models = describe_result(
         judge, base, terms, found, full, said, floor, carried, standing, rival, logs, notes

@@ -53,12 +53,15 @@ class Everything:
         ]
 
 
-def better_with_everything(judge: Judge, candidates: Sequence[Term], model: Model, tests: Sequence[Run]) -> Everything:
+def better_with_everything(
+    judge: Judge, candidates: Sequence[Term], model: Model, tests: Sequence[Run], rounded_away: Array
+) -> Everything:
     """Where all links, friction, offset and armature of every joint, fitted at once to the training runs, predict
     ``tests`` surely and much better than ``model``, joint by joint.
 
     "Surely" as with names (:mod:`.confirm`): Student's t over blocks of time, Bonferroni over the joints. Nothing is
-    asked where the links are not among ``candidates``, or are in the starting model.
+    asked where the links are not among ``candidates``, or are in the starting model; nor where no more is left than
+    ``rounded_away`` (n,) [N m]: steps of the torque follow the motion, and a constant takes a part of them.
     """
     times = np.ones(judge.evidence.n)
     links = next((t for t in candidates if t.family().all_links), None)
@@ -71,7 +74,8 @@ def better_with_everything(judge: Judge, candidates: Sequence[Term], model: Mode
     left, torque = (
         np.sum([np.sum(e**2, axis=0) for e in part], axis=0) for part in (ours, [run.tau * run.mask for run in tests])
     )
-    for j in np.flatnonzero(left > WORTH**2 * torque):
+    rows = np.sum([run.mask.sum(axis=0) for run in tests], axis=0)
+    for j in np.flatnonzero(left > np.maximum(WORTH**2 * torque, rows * rounded_away**2)):
         change = change_of(judge, ours, theirs, tests, np.eye(len(times))[j], len(times))
         if change.contradicts and change.relative > MUCH - 1.0:
             times[j] = 1.0 + change.relative
