@@ -17,7 +17,7 @@ from hybrid_dynamics.loop import LoopSettings, Model, close_loop, standing, writ
 from hybrid_dynamics.loop.carried import Left
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.process import process
-from hybrid_dynamics.loop.standing import BREAKS_AWAY, LASTS, SHARE, Standing, beyond_friction
+from hybrid_dynamics.loop.standing import BREAKS_AWAY, LASTS, LONG, SHARE, Standing, beyond_friction
 from hybrid_dynamics.loop_report.rest import HELD, STANDING, UNTESTED, state_of
 from hybrid_dynamics.loop_report.words import still_open
 from hybrid_dynamics.trajectory import Trajectory
@@ -107,6 +107,12 @@ def test_every_stretch_is_told_with_its_own_times() -> None:
     assert second.startswith("from 4.8")
 
 
+def test_of_many_runs_those_with_most_of_it_are_told() -> None:
+    several = [pushed(run(f"r{k}", k), 8.0, rows=slice(STANDS.start, STANDS.start + 140 + 20 * k)) for k in range(6)]
+    told = left(*several).where[0].split("; ")
+    assert [part.split(" from")[0] for part in told] == ["run r5", "run r4", "run r3", "3 more runs"]
+
+
 def test_the_same_push_on_a_joint_that_moves_is_not_said_of_one_that_stands() -> None:
     assert not left(pushed(run("a", 1, stop=(0.4, 0.4)), 8.0)).seen.any()
 
@@ -123,6 +129,8 @@ def test_a_moment_is_let_pass_and_a_joint_that_never_moves_too() -> None:
     for seconds, seen in ((LASTS + 0.1, False), (SHARE * 15 + 0.2, True)):
         start = slice(0, int((seconds + 0.1) * RATE))
         assert left(pushed(still, 8.0, rows=start)).seen[0] == seen
+    hour = run("still", 2, moves=(1e-4, 1e-4), duration=100.0)
+    assert left(pushed(hour, 8.0, rows=slice(0, int((LONG + 0.3) * RATE)))).seen[0], "less than a twentieth, and long"
     # However many other runs there are.
     clear_runs = [run(f"clear_{k}", 20 + k) for k in range(25)]
     assert left(*clear_runs, test=[pushed(run("a", 1), 8.0)]).seen.tolist() == [True, False]
@@ -147,7 +155,11 @@ def test_a_joint_that_stands_while_its_partner_moves_has_the_partners_torque() -
         effects = (*FRICTION, coupling)
         one_rests = run("a", 1, effects=effects, stop=(0.0, 1.0))
         assert not left(one_rests, effects=effects).seen.any()
-        assert left(pushed(one_rests, 12.0), effects=effects).seen.tolist() == [True, False]
+        assert left(pushed(one_rests, 16.0), effects=effects).seen.tolist() == [True, False]
+        # Where both rest the partner may be about to go either way: its share holds, too.
+        both_rest = run("a", 1, effects=effects)
+        assert not left(pushed(both_rest, 0.95 * BREAKS_AWAY * (COULOMB + 1.0)), effects=effects).seen.any()
+        assert left(pushed(both_rest, 8.0), effects=effects).seen.tolist() == [True, False]
 
 
 def test_a_sign_that_turns_over_slowly_holds_its_whole_torque_at_rest() -> None:
@@ -201,6 +213,8 @@ def test_a_push_that_is_named_in_motion_and_goes_on_at_rest_is_one() -> None:
     of = pushed(run("a", 1), 8.0, rows=on)
     assert not left(of, effects=effects).seen.any()
     assert left(pushed(of, 8.0, joint=1), effects=effects).seen.tolist() == [False, True], "another joint"
+    later = pushed(pushed(run("a", 1), 8.0, rows=slice(on.start, STANDS.start)), -12.0, rows=slice(860, STANDS.stop))
+    assert left(later, effects=effects).seen.tolist() == [True, False], "another push, the other way and later"
     # One that is over before the joint stands is another one.
     over = pushed(pushed(run("a", 1), 8.0, rows=slice(int(0.5 * RATE), int(1.5 * RATE))), 8.0)
     contact = Effect("external_contact", (SHOULDER,), {"torque": 8.0}, {"intervals": ((0.5, 1.5),), "only_run": "a"})
@@ -229,6 +243,10 @@ def test_an_all_clear_is_not_given_where_something_holds_a_joint_that_stands(tmp
     assert any(line.startswith(said) for line in details(value))
     assert still_open(value)[0].startswith(f"{SHOULDER}: while it stands ")
     assert len([line for line in details(value) if SHOULDER in line and "down to noise" in line]) == 1
+    # What happened once in motion does not hide it.
+    once = slice(int(7.5 * RATE), int(8.3 * RATE))
+    twice = close_loop(arm(), train, [pushed(pushed(run("c", 3, "test"), 8.0), 8.0, rows=once)], SETTINGS).diagnosis
+    assert twice.beyond_friction[0] == pytest.approx(8.0, abs=0.2)
     # A doubt that is another one is told beside it.
     doubtful = value | {"cannot_tell": [True, False]}
     assert any(line.startswith(said) for line in details(doubtful))
@@ -238,12 +256,17 @@ def test_an_all_clear_is_not_given_where_something_holds_a_joint_that_stands(tmp
 
 def test_test_runs_that_stand_prove_nothing() -> None:
     train = [run("a", 1), run("b", 2)]
-    with pytest.raises(InputError, match=r"no joint moves faster than 0\.02 rad/s in the test runs"):
+    with pytest.raises(InputError, match=r"no joint moves faster than 0\.02 rad/s on 20 samples of the test runs"):
         close_loop(arm(), train, [run("c", 3, "test", moves=(1e-3, 1e-3))], SETTINGS)
     late = run("d", 4)
     rest = late.with_signals(q=np.where((late.time < 4.0)[:, None], late["q"], late["q"][int(4.0 * RATE)]))
     with pytest.raises(InputError, match="cut off the end at which the robot rests"):
         close_loop(arm(), [rest], [], SETTINGS)
+    # A jog on which nothing can be measured is no motion either, whatever the torque.
+    jog = run("c", 3, "test")
+    short = jog.with_signals(q=np.where((jog.time < 0.2)[:, None], jog["q"], jog["q"][int(0.2 * RATE)]))
+    with pytest.raises(InputError, match="give test runs in motion, or none"):
+        close_loop(arm(), train, [pushed(short, 0.8, rows=slice(0, None))], SETTINGS)
     one = close_loop(arm(), train, [run("c", 3, "test", moves=(1.0, 1e-3))], SETTINGS).diagnosis
     assert f"{ELBOW}: stands still in the test runs, which say nothing of what is found on it" in one.notes
     value = one.to_json()

@@ -125,7 +125,7 @@ def _close(
     learned, held_out = parts[: len(logs.train)], parts[len(logs.train) :]
     carried = carried_over(learned, held_out, logs.rounded_away, settings)
 
-    standing = beyond_friction(said.model, learned, held_out, floor.high, settings)
+    standing = beyond_friction(said.model, learned, held_out, np.where(floor.seen, floor.low, 0.0), settings)
 
     progress(0.9, "describing what is left")
     # Where runs disagree the evidence is of effects with parameters for every run.

@@ -139,25 +139,34 @@ class Model:
         """Recorded torques (T, k) [N m] of ``joints`` if each alone went forward and backward at ``speed`` [rad/s], by
         its effects, and for the rest of them as all moves in one run: their middle, and half their distance.
 
-        Friction holds the second at rest, all of it: a sign that turns over slowly in motion has turned over here.
+        Friction holds the second at rest, all of it: a sign that turns over slowly in motion has turned over here, and
+        a partner that rests may be about to go either way, too.
         """
-        _, law = self._sharp
         rigid = self.completed_robot.inverse_dynamics(np.asarray(q, float) + self.readings.offset, dq, ddq)
         middle, half = np.zeros((2, *rigid.shape))
+        rests = np.abs(dq) < speed
         for j in joints:
-            there = np.array(dq, float)
-            sides = []
-            for way in (speed, -speed):
-                there[:, j] = way
-                acting = acting_torques(self.completed_robot, law, self.readings, q, there, ddq, time, rigid, began)
-                sides.append(acting[1][:, j])
-            middle[:, j], half[:, j] = 0.5 * (sides[0] + sides[1]), 0.5 * np.abs(sides[0] - sides[1])
+            law = self._sharp(j)
+            low, high = np.full(len(rigid), np.inf), np.full(len(rigid), -np.inf)
+            for partners in (speed, -speed):
+                there = np.where(rests, partners, dq)
+                for own in (speed, -speed):
+                    there[:, j] = own
+                    torque = acting_torques(
+                        self.completed_robot, law, self.readings, q, there, ddq, time, rigid, began
+                    )[1][:, j]
+                    low, high = np.minimum(low, torque), np.maximum(high, torque)
+            middle[:, j], half[:, j] = 0.5 * (low + high), 0.5 * (high - low)
         return self.recorded(middle, time)[:, joints], self.recorded(half, time)[:, joints]
 
-    @cached_property
-    def _sharp(self) -> tuple[Robot, StateTorque]:
-        sharp = [replace(e, settings={k: v for k, v in e.settings.items() if k != WIDTH}) for e in self._everywhere]
-        return with_effects(self.robot, sharp)
+    def _sharp(self, joint: int) -> StateTorque:
+        """The torque of the effects that act on ``joint``, with signs that turn over at once."""
+        own = []
+        for effect in self._everywhere:
+            kind = family(effect.effect)
+            if kind.has_law and joint in (row for row, _ in kind.rows(self.robot, effect.term(self.robot))):
+                own.append(replace(effect, settings={k: v for k, v in effect.settings.items() if k != WIDTH}))
+        return with_effects(self.robot, own)[1]
 
     @cached_property
     def _momentary(self) -> tuple[Robot, StateTorque]:

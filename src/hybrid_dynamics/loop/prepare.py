@@ -94,7 +94,7 @@ def _untested(
     robot: Robot, moving: NDArray[np.bool_], tests: Sequence[Run], given: bool, settings: LoopSettings
 ) -> list[str]:
     """A line for the joints that are ``moving`` (n,) in the training runs and stand in the ``tests``, if not all do."""
-    still = moving & ~np.any([run.mask.any(axis=0) for run in tests], axis=0)
+    still = moving & untested(tests)
     names = [robot.joint_names[j] for j in np.flatnonzero(still)]
     if names and bool(np.all(still == moving)):
         where = "the test runs" if given else "the last part of the training runs, which is held out"
@@ -103,13 +103,19 @@ def _untested(
             if given
             else "cut off the end at which the robot rests, or give test runs in motion"
         )
+        slides = " (m/s where it slides)" if robot.prismatic else ""
         raise InputError(
-            f"no joint moves faster than {settings.process.slow_speed} rad/s in {where}, where what is "
-            f"found has to prove itself; {remedy}"
+            f"no joint moves faster than {settings.process.slow_speed} rad/s{slides} on {FEWEST_ROWS} samples of "
+            f"{where}, where what is found has to prove itself; {remedy}"
         )
     stand = "stand" if len(names) > 1 else "stands"
     told = f"{', '.join(names)}: {stand} still in the test runs, which say nothing of what is found on it"
     return [told] if names else []
+
+
+def untested(tests: Sequence[Run]) -> NDArray[np.bool_]:
+    """(n,) joints that move on too few samples of the ``tests`` for these to say anything of them."""
+    return np.asarray(np.sum([run.mask.sum(axis=0) for run in tests], axis=0) < FEWEST_ROWS)
 
 
 def torque_step(runs: Sequence[Trajectory]) -> Array:

@@ -28,13 +28,14 @@ Mask = NDArray[np.bool_]
 BREAKS_AWAY = 2.0
 #: Noise reaches so many times its rms, and now and then farther.
 NOISE = 4.0
-#: It is told of a run in which it lasts so long [s] in all, and for such a share of the time at which the joint stands.
-LASTS, SHARE = 0.5, 0.05
+#: It is told of a run in which it lasts so long [s] in all, and for such a share of the time at which the joint stands,
+#: or for so long [s] of however much.
+LASTS, SHARE, LONG = 0.5, 0.05, 3.0
 #: A low-pass has forgotten what was there so many of its time constants before.
 FORGETS = 4.0
 #: Median of the size of normal noise, in standard deviations.
 MEDIAN = 0.6745
-#: Stretches told of a run.
+#: Stretches told of a run, and runs.
 _TOLD = 3
 
 
@@ -75,12 +76,13 @@ def beyond_friction(
 ) -> Standing:
     """What ``model`` leaves at standstill of any run that its own friction does not hold.
 
-    ``floor`` (n,) [N m]: noise of the torque, at most; 0 where a joint never moves, of which nothing is said.
+    ``floor`` (n,) [N m]: noise of the torque, at least; 0 where a joint never moves, of which nothing is said.
     """
     n, speed = len(floor), settings.process.slow_speed
+    # Not of the test runs: of what happens in these nobody has cleared them.
     known = np.maximum(floor, _rms(train))
     seconds, square, held = np.zeros((3, n))
-    where: list[list[str]] = [[] for _ in range(n)]
+    where: list[list[tuple[float, str]]] = [[] for _ in range(n)]
     for part, noise in ((train, known), (test, np.maximum(known, _usual(test)))):
         for run, _, _ in part:
             slow = _standing(model, run, speed)
@@ -94,18 +96,16 @@ def beyond_friction(
             left, holds = run.tau[:, joints] - run.smooth(middle), run.smooth(half)
             far = slow[:, joints] & (np.abs(left) > BREAKS_AWAY * holds + NOISE * noise[joints])
             for k, j in enumerate(joints):
-                own = far[:, k] & ~_beside_contacts(model, run, j)
+                own = far[:, k] & ~_going_on(model, run, j, np.where(far[:, k], left[:, k], 0.0), slow[:, j])
                 lasted = dt * float(own.sum())
-                if lasted >= max(LASTS, SHARE * stood[j]):
+                if lasted >= min(max(LASTS, SHARE * stood[j]), LONG):
                     seconds[j] += lasted
                     square[j] += dt * np.sum(left[own, k] ** 2)
                     held[j] += dt * np.sum(holds[own, k])
-                    where[j].append(f"run {run.name} {_stretches(run, own)}")
+                    where[j].append((lasted, f"run {run.name} {_stretches(run, own)}"))
     time = np.where(seconds > 0, seconds, 1.0)
     whole = np.maximum(square + _squares([*train, *test]), 1e-300)
-    return Standing(
-        seconds, np.sqrt(square / time), held / time, square / whole, tuple("; ".join(lines) for lines in where)
-    )
+    return Standing(seconds, np.sqrt(square / time), held / time, square / whole, tuple(map(_runs, where)))
 
 
 def _standing(model: Model, run: Run, speed: float) -> Mask:
@@ -119,17 +119,29 @@ def _standing(model: Model, run: Run, speed: float) -> Mask:
     return np.asarray(slow & (since > read.delay + FORGETS * read.lag))
 
 
-def _beside_contacts(model: Model, run: Run, joint: int) -> Mask:
-    """(K,) where ``joint`` does not move, before or after it is pushed as the model knows: that ends with the motion
-    that shows it, and the push may go on."""
-    rest, known = ~run.mask[:, joint], np.zeros(len(run.time), bool)
+def _going_on(model: Model, run: Run, joint: int, left: Array, slow: NDArray[np.bool_]) -> Mask:
+    """(K,) rows of ``left`` (K,) [N m], beyond friction where ``joint`` is ``slow`` and else 0, in which a push that
+    the model knows goes on: it is known while the joint moves, and need not end with that."""
+    out = np.zeros(len(left), bool)
     since = run.time - (run.motion.began or 0.0)
     for effect in model.in_run(run.name).effects:
-        if family(effect.effect).momentary and effect.joint_index(model.robot) == joint:
-            for start, end in effect.settings[INTERVALS]:
-                known |= (since >= start - 1.0 / run.cutoff) & (since <= end + 1.0 / run.cutoff)
-    parts, _ = label(rest)
-    return np.asarray(rest & np.isin(parts, np.unique(parts[known & rest])))
+        if not family(effect.effect).momentary or effect.joint_index(model.robot) != joint:
+            continue
+        (torque,) = effect.parameters.values()
+        for start, end in effect.settings[INTERVALS]:
+            known = (since >= start - 1.0 / run.cutoff) & (since <= end + 1.0 / run.cutoff)
+            # Between motion and standstill nothing is said of a row, so nothing ends there.
+            alike = known | (left * torque > 0) | ~(run.mask[:, joint] | slow)
+            parts, _ = label(alike)
+            out |= np.isin(parts, np.unique(parts[known])) & (left != 0)
+    return out
+
+
+def _runs(told: Sequence[tuple[float, str]]) -> str:
+    """Those that have most of it, ``told`` with their seconds."""
+    first = [text for _, text in sorted(told, key=lambda item: -item[0])[:_TOLD]]
+    more = [f"{len(told) - _TOLD} more runs"] if len(told) > _TOLD else []
+    return "; ".join([*first, *more])
 
 
 def _stretches(run: Run, rows: Mask) -> str:

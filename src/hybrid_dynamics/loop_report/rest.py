@@ -63,17 +63,11 @@ def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
         return "open", SLOW
     if "motion_dependent" not in d and name in {entry["joint"] for entry in d["unexplained"]}:
         return "open", "something is left"
-    if not tested(d, joint):
+    if flags(d, "untested")[joint]:
         return "unseen", UNTESTED
     if _above_noise(d, joint, "error_moving" if "error_moving" in d else "error"):
         return "open", ABOVE
     return ("open", STANDING) if _above_noise(d, joint, "error") else ("good", "down to the noise")
-
-
-def tested(d: Diagnosis, joint: int) -> bool:
-    """False where the joint moves on no sample of the test runs."""
-    # The error over no samples is zero to the last bit, and no other is.
-    return "error_moving" not in d or final_errors(d, of="error_moving")["rmse"][joint] != 0.0
 
 
 def _above_noise(d: Diagnosis, joint: int, of: str) -> bool:
