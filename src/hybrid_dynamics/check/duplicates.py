@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.trajectory import Trajectory
@@ -29,13 +30,14 @@ def check_duplicates(train: Sequence[Trajectory], test: Sequence[Trajectory]) ->
         return []
     scale = {s: np.maximum(np.max([run[s].std(axis=0) for run in runs], axis=0), 1e-9) for s in ("q", "tau")}
     rows = [_rows(run, scale) for run in runs]
+    shared = _shared(rows)
     out = []
     for b in range(1, len(runs)):
         for a in range(b):
             shorter = min(len(rows[a]), len(rows[b]))
             if shorter < 10:
                 continue
-            share = len(np.intersect1d(rows[a], rows[b], assume_unique=True)) / shorter
+            share = float(shared[a, b]) / shorter
             if share < SHARE:
                 continue
             held_out = a < len(train) <= b
@@ -50,6 +52,16 @@ def check_duplicates(train: Sequence[Trajectory], test: Sequence[Trajectory]) ->
             text = f"holds the same samples as run {runs[a].name} ({share:.0%} of them); {remedy}"
             out.append(Finding("duplicate", "hard" if held_out or copied else "warning", text, run=runs[b].name))
     return out
+
+
+def _shared(rows: Sequence[NDArray[np.void]]) -> NDArray[np.int_]:
+    """(R, R) how many of the unique ``rows`` of one run are in another: all are sorted once, not pair by pair."""
+    sizes = [len(own) for own in rows]
+    if not any(sizes):
+        return np.zeros((len(rows), len(rows)), int)
+    _, value = np.unique(np.concatenate([own for own in rows if len(own)]), return_inverse=True)
+    held = csr_array((np.ones(len(value), int), (np.repeat(np.arange(len(rows)), sizes), value.ravel())))
+    return np.asarray((held @ held.T).toarray())
 
 
 def _rows(run: Trajectory, scale: dict[str, NDArray[np.float64]]) -> NDArray[np.void]:
