@@ -72,7 +72,12 @@ def _scatter(parts: Sequence[Left], joint: int, mean: float, block: float) -> tu
 def _noise_and_left(parts: Sequence[Left]) -> tuple[Array, Array]:
     """Noise (n,) [N m] by second differences, and rms (n,) [N m] of what is left; 0 where too few rows count."""
     runs, left, mask = zip(*parts, strict=True)
-    count = np.sum([m.sum(axis=0) for m in mask], axis=0)
-    square = np.sum([np.sum(e**2 * m, axis=0) for e, m in zip(left, mask, strict=True)], axis=0)
-    rms = np.where(count >= FEWEST_ROWS, np.sqrt(square / np.maximum(count, 1)), 0.0)
-    return difference_floor(runs, left, mask), rms
+    count, rms = rows_and_rms(parts)
+    return difference_floor(runs, left, mask), np.where(count >= FEWEST_ROWS, rms, 0.0)
+
+
+def rows_and_rms(parts: Sequence[Left]) -> tuple[Array, Array]:
+    """How many rows count (n,), and rms (n,) [N m] of what is left on them; 0 where none does."""
+    count = np.sum([keep.sum(axis=0) for _, _, keep in parts], axis=0)
+    square = np.sum([np.sum(left**2 * keep, axis=0) for _, left, keep in parts], axis=0)
+    return count, np.asarray(np.sqrt(square / np.maximum(count, 1)))

@@ -124,7 +124,6 @@ def _close(
     parts = list(zip(runs, left, mask, strict=True))
     learned, held_out = parts[: len(logs.train)], parts[len(logs.train) :]
     carried = carried_over(learned, held_out, logs.rounded_away, settings)
-
     standing = beyond_friction(said.model, learned, held_out, np.where(floor.seen, floor.low, 0.0), settings)
 
     progress(0.9, "describing what is left")

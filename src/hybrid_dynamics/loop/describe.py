@@ -21,7 +21,7 @@ from hybrid_dynamics.loop.floor import Floor
 from hybrid_dynamics.loop.identifiability import inconsistent, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.mounting import turned_by
-from hybrid_dynamics.loop.prepare import Logs, untested
+from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.standing import Standing
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unexplained import expression_of
@@ -122,7 +122,7 @@ def describe_result(
         "unproven_share": floor.unproven.tolist(),
         "worse_on_test": [bool(v) for v in carried.worse],
         "beyond_friction": standing.rms.tolist(),
-        "untested": [bool(v) for v in logs.moving & untested(logs.test)],
+        "untested": [bool(v) for v in logs.untested],
         "autocorrelation": floor.autocorrelation.tolist(),
         "extrapolation": outside,
         "unexplained": [

@@ -61,6 +61,11 @@ class Logs:
         return np.asarray(np.where(few, self.step / 2, self.rounding))
 
     @cached_property
+    def untested(self) -> NDArray[np.bool_]:
+        """(n,) joints that move in training on too few samples of the test runs for these to say anything of them."""
+        return np.asarray(self.moving & (np.sum([run.mask.sum(axis=0) for run in self.test], axis=0) < FEWEST_ROWS))
+
+    @cached_property
     def variance(self) -> Array:
         """(n,) [N m]^2 of the training torque."""
         return np.asarray(np.concatenate([run.tau for run in self.train]).var(axis=0))
@@ -86,17 +91,15 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
         moving[joint] = False
         for run in [*runs, *tests]:
             run.mask[:, joint] = False
-    notes += _untested(robot, moving, tests, bool(test), settings)
-    return Logs(runs, tests, moving, np.where(np.isinf(step), 0.0, step), notes)
+    logs = Logs(runs, tests, moving, np.where(np.isinf(step), 0.0, step), notes)
+    notes += _told_untested(robot, logs, bool(test), settings)
+    return logs
 
 
-def _untested(
-    robot: Robot, moving: NDArray[np.bool_], tests: Sequence[Run], given: bool, settings: LoopSettings
-) -> list[str]:
-    """A line for the joints that are ``moving`` (n,) in the training runs and stand in the ``tests``, if not all do."""
-    still = moving & untested(tests)
-    names = [robot.joint_names[j] for j in np.flatnonzero(still)]
-    if names and bool(np.all(still == moving)):
+def _told_untested(robot: Robot, logs: Logs, given: bool, settings: LoopSettings) -> list[str]:
+    """A line for the joints of which the test runs (``given``, or held out) say nothing, if that is not so of all."""
+    names = [robot.joint_names[j] for j in np.flatnonzero(logs.untested)]
+    if names and bool(np.all(logs.untested == logs.moving)):
         where = "the test runs" if given else "the last part of the training runs, which is held out"
         remedy = (
             "give test runs in motion, or none: the end of every training run is held out then"
@@ -111,11 +114,6 @@ def _untested(
     stand = "stand" if len(names) > 1 else "stands"
     told = f"{', '.join(names)}: {stand} still in the test runs, which say nothing of what is found on it"
     return [told] if names else []
-
-
-def untested(tests: Sequence[Run]) -> NDArray[np.bool_]:
-    """(n,) joints that move on too few samples of the ``tests`` for these to say anything of them."""
-    return np.asarray(np.sum([run.mask.sum(axis=0) for run in tests], axis=0) < FEWEST_ROWS)
 
 
 def torque_step(runs: Sequence[Trajectory]) -> Array:

@@ -17,7 +17,7 @@ from scipy.ndimage import find_objects, label
 from hybrid_dynamics.effects import family
 from hybrid_dynamics.effects.base import INTERVALS
 from hybrid_dynamics.effects.units import unit_at
-from hybrid_dynamics.loop.carried import Left
+from hybrid_dynamics.loop.carried import Left, rows_and_rms
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
@@ -80,23 +80,24 @@ def beyond_friction(
     """
     n, speed = len(floor), settings.process.slow_speed
     # Not of the test runs: of what happens in these nobody has cleared them.
-    known = np.maximum(floor, _rms(train))
+    known = np.maximum(floor, rows_and_rms(train)[1])
     seconds, square, held = np.zeros((3, n))
     where: list[list[tuple[float, str]]] = [[] for _ in range(n)]
     for part, noise in ((train, known), (test, np.maximum(known, _usual(test)))):
         for run, _, _ in part:
-            slow = _standing(model, run, speed)
+            own_model = model.in_run(run.name)
+            slow = _standing(own_model, run, speed)
             dt = float(run.time[1] - run.time[0])
             stood = dt * slow.sum(axis=0)
             joints = [int(j) for j in np.flatnonzero((floor > 0) & (stood >= LASTS))]
             if not joints:
                 continue
             m = run.motion
-            middle, half = model.in_run(run.name).turning(m.q, m.dq, m.ddq, speed, joints, m.time, m.began)
+            middle, half = own_model.turning(m.q, m.dq, m.ddq, speed, joints, m.time, m.began)
             left, holds = run.tau[:, joints] - run.smooth(middle), run.smooth(half)
             far = slow[:, joints] & (np.abs(left) > BREAKS_AWAY * holds + NOISE * noise[joints])
             for k, j in enumerate(joints):
-                own = far[:, k] & ~_going_on(model, run, j, np.where(far[:, k], left[:, k], 0.0), slow[:, j])
+                own = far[:, k] & ~_going_on(own_model, run, j, np.where(far[:, k], left[:, k], 0.0), slow[:, j])
                 lasted = dt * float(own.sum())
                 if lasted >= min(max(LASTS, SHARE * stood[j]), LONG):
                     seconds[j] += lasted
@@ -110,9 +111,9 @@ def beyond_friction(
 
 def _standing(model: Model, run: Run, speed: float) -> Mask:
     """(K, n) where each joint has been slower than ``speed`` over the filter's window, and for as long as the torque of
-    the motion before is still recorded."""
+    the motion before is still recorded, by the ``model`` of this run."""
     slow = run.smooth((np.abs(run.motion.dq) < speed).astype(float)) > 1.0 - 1e-9
-    read = model.in_run(run.name).readings
+    read = model.readings
     rows = np.arange(len(slow))[:, None]
     last = np.maximum.accumulate(np.where(slow, -len(slow), rows), axis=0)
     since = (rows - last) * float(run.time[1] - run.time[0])
@@ -124,7 +125,7 @@ def _going_on(model: Model, run: Run, joint: int, left: Array, slow: NDArray[np.
     the model knows goes on: it is known while the joint moves, and need not end with that."""
     out = np.zeros(len(left), bool)
     since = run.time - (run.motion.began or 0.0)
-    for effect in model.in_run(run.name).effects:
+    for effect in model.effects:
         if not family(effect.effect).momentary or effect.joint_index(model.robot) != joint:
             continue
         (torque,) = effect.parameters.values()
@@ -157,13 +158,6 @@ def _squares(parts: Sequence[Left]) -> Array:
     """(n,) [N m]^2 s of what is left where a joint moves."""
     squares = [float(r.time[1] - r.time[0]) * np.sum(left**2 * keep, axis=0) for r, left, keep in parts]
     return np.asarray(np.sum(squares, axis=0))
-
-
-def _rms(parts: Sequence[Left]) -> Array:
-    """(n,) [N m] of what is left on the rows that count."""
-    count = np.sum([keep.sum(axis=0) for _, _, keep in parts], axis=0)
-    square = np.sum([np.sum(left**2 * keep, axis=0) for _, left, keep in parts], axis=0)
-    return np.asarray(np.sqrt(square / np.maximum(count, 1)))
 
 
 def _usual(parts: Sequence[Left]) -> Array:

@@ -38,13 +38,16 @@ def learned(d: Diagnosis, entry: Mapping[str, Any]) -> float:
 
 def unproven_shares(d: Diagnosis) -> dict[str, float]:
     """Of the joints on which held-out rows follow the motion, perhaps by chance, the share of what is left."""
-    sizes = d.get("unproven_share") or [0.0] * len(d["joints"])
-    return {joint: float(size) for joint, size in zip(d["joints"], sizes, strict=True) if size}
+    return _sizes(d, "unproven_share")
 
 
 def beyond_friction(d: Diagnosis) -> dict[str, float]:
     """Of the joints that leave more while they stand than friction holds, the rms of it."""
-    sizes = d.get("beyond_friction") or [0.0] * len(d["joints"])
+    return _sizes(d, "beyond_friction")
+
+
+def _sizes(d: Diagnosis, key: str) -> dict[str, float]:
+    sizes = d.get(key) or [0.0] * len(d["joints"])
     return {joint: float(size) for joint, size in zip(d["joints"], sizes, strict=True) if size}
 
 
