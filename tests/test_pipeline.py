@@ -11,15 +11,18 @@ import pandas as pd
 import pytest
 import yaml
 from dvc.repo import Repo
-from stages import dag
+from stages import dag, generate_sim
 from stages.compose import compose
 
 from hybrid_dynamics.errors import ConfigError
+from hybrid_dynamics.trajectory import SIMULATED, read_metadata, read_trajectories
 
 ROOT = Path(__file__).resolve().parents[1]
 #: One arm of the park beside, whose recording cannot be had: it is left out. Each further one costs every pass a while.
 PARK = ["fetched=[tx40]", "park=[ur10e,tx40]", "added_arms=[tx40]"]
-SMALL = ["scale=small", "datasets=[panda,ur10e]", "recorded=[ur10e]", *PARK]
+#: One arm through all methods, the one with the longer way (fetched, a twin, asked); the blind cases are the Panda's,
+#: which has no data of its own here.
+SMALL = ["scale=small", "datasets=[ur10e]", "recorded=[ur10e]", *PARK]
 
 
 def test_params_are_the_composition_of_conf(tmp_path):
@@ -145,6 +148,20 @@ def run(folder: Path, module: str, *arguments: str) -> subprocess.CompletedProce
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=3000)
 
 
+def test_the_simulated_arm_of_the_paper_is_written_with_what_it_is(tmp_path, monkeypatch):
+    """The one stage that the pass below does without; its numbers are tested where it is simulated."""
+    monkeypatch.chdir(tmp_path)
+    compose(tmp_path / "params.yaml", ["scale=small"])
+    monkeypatch.setattr(sys, "argv", ["generate_sim", "panda"])
+    generate_sim.main()
+    file = tmp_path / "data/panda/trajectories.parquet"
+    runs, metadata = read_trajectories(file), read_metadata(file)
+    assert [run.split for run in runs] == ["train", "train", "test"]
+    assert {run.signals["tau"].shape[1] for run in runs} == {7}
+    assert metadata["provenance"] == SIMULATED
+    assert len(metadata["damping"]) == 7
+
+
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     folder = clone(tmp_path_factory.mktemp("study"))
@@ -157,8 +174,8 @@ def test_one_pass_writes_every_report(study):
     folder, output = study
     assert "SIMULATED TWIN" in output, "a twin must be announced"
     errors = pd.read_csv(folder / "reports/rmse.csv")
-    assert set(errors["dataset"]) == {"panda", "ur10e"}
-    assert set(errors.loc[errors["dataset"] == "ur10e", "provenance"]) == {"simulated twin"}
+    assert set(errors["dataset"]) == {"ur10e"}
+    assert set(errors["provenance"]) == {"simulated twin"}
     methods = set(errors["method"])
     assert {"rigid_body", "least_squares", "sr", "sindy", "r_sr", "r_sindy", "r_sindy_sr", "nn", "r_nn"} <= methods
     assert {"sindy_scaled", "r_sindy_scaled", "r_sindy_sr_published", "loop"} <= methods
@@ -187,7 +204,7 @@ def test_experiment_overrides_one_value_and_re_runs_what_depends_on_it(study):
     assert yaml.safe_load((folder / "params.yaml").read_text())["sindy"]["threshold"] == 0.02
     ran = {line.split("'")[1].split("@")[0] for line in done.stdout.splitlines() if line.startswith("Running stage")}
     assert {"train_sindy", "train_r_sindy", "evaluate", "report"} <= ran
-    assert not ran & {"generate_sim", "featurize", "train_sindy_scaled", "train_nn", "train_sr", "close_loop"}
+    assert not ran & {"trajectories", "featurize", "train_sindy_scaled", "train_nn", "train_sr", "close_loop"}
 
 
 @pytest.mark.parametrize(

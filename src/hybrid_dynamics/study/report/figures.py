@@ -48,9 +48,9 @@ JOINT_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9
 METHOD_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#8c6d1f", "#444444")
 MEASURED = "#b9c2cc"
 WIDTH = 10.0
-DPI = 110
+DPI = 96
 #: Of the images in the page: lines and text stay sharp; the files in reports/figures are lossless.
-WEBP_QUALITY, PAGE_DPI = 40, 96
+WEBP_QUALITY = 40
 
 
 def _subplots(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
@@ -272,26 +272,25 @@ def _legend(figure: Figure, axis: Axes, title: str) -> None:
     figure.legend(handles, names, loc="outside upper right", ncols=min(len(names), 8))
 
 
-def to_bytes(figure: Figure, kind: str = "png", dpi: int = DPI) -> bytes:
+def to_bytes(figure: Figure, kind: str = "png") -> bytes:
     """The figure as ``png`` or ``svg`` bytes, free of dates and versions."""
     buffer = io.BytesIO()
     metadata: dict[str, Any] = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
     with matplotlib.rc_context(STYLE):
-        figure.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
+        figure.savefig(buffer, format=kind, dpi=DPI, metadata=metadata)
     return buffer.getvalue()
 
 
 def save(figure: Figure, path: Path) -> bytes:
-    """Write the figure atomically (format by suffix) and return the bytes."""
-    content = to_bytes(figure, path.suffix.lstrip("."))
+    """Write the figure atomically (format by suffix) and return it as a page embeds it: WebP, a quarter of a PNG."""
+    kind = path.suffix.lstrip(".")
+    content = to_bytes(figure, kind)
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
-    return content
-
-
-def light(drawn: Figure) -> bytes:
-    """The figure as a page embeds it, WebP: a quarter of the bytes of a PNG."""
-    return webp(to_bytes(drawn, "png", PAGE_DPI))
+    if kind != "png":
+        figure.set_layout_engine("none")  # it has its places; finding them takes as long as drawing
+        content = to_bytes(figure)
+    return webp(content)
 
 
 def webp(png: bytes) -> bytes:

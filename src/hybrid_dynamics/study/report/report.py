@@ -230,8 +230,7 @@ def _errors(result: DatasetResults, split: str) -> str:
 
 
 def _figure(page: _Page, drawn: Figure, path: Path, caption: str) -> str:
-    figures.save(drawn, path)
-    return page.image(figures.light(drawn), path, caption)
+    return page.image(figures.save(drawn, path), path, caption)
 
 
 def _picture(page: _Page, result: DatasetResults, urdf: Path, folder: Path) -> str:
