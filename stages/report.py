@@ -8,6 +8,7 @@ import pandas as pd
 from hybrid_dynamics.errors import run_main
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.study.blind_score import COLUMNS, LOOP_SECONDS
+from hybrid_dynamics.study.blind_table import read_cases
 from hybrid_dynamics.study.config import load_params, section
 from hybrid_dynamics.study.datasets import RobotSettings, picture_of
 from hybrid_dynamics.study.layout import REPORTS, RESIMULATION_COLUMNS, BlindFiles, DatasetFiles
@@ -20,7 +21,7 @@ from hybrid_dynamics.study.results import StudyInputs
 
 def scored(files: BlindFiles) -> pd.DataFrame:
     """Scores of one robot's blind cases, and the time that the loop took for each."""
-    table = pd.read_csv(files.scores)
+    table = read_cases(files.scores)
     seconds = json.loads(files.timing.read_text("utf-8"))
     return table.assign(**{LOOP_SECONDS: [seconds.get(case) for case in table["case"]]})
 

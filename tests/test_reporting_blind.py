@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from hybrid_dynamics.study.blind_score import COLUMNS
-from hybrid_dynamics.study.blind_table import effects_of, missing, pairs
+from hybrid_dynamics.study.blind_table import effects_of, missing, pairs, read_cases
 from hybrid_dynamics.study.claims.blind_checks import blind_checks
 from hybrid_dynamics.study.report.blind import blind_section
 
@@ -51,6 +51,19 @@ def claims(cases: pd.DataFrame) -> dict[str, bool | None]:
 
 def unmet(*more: dict[str, Any]) -> list[str]:
     return [what for what, met in claims(table(*more)).items() if met is False]
+
+
+def test_a_study_in_which_each_case_hides_one_effect_at_most_is_read_as_it_was_written(tmp_path):
+    """Lists of one number each, and empty ones: a column that looks like numbers and is none."""
+    written = pd.DataFrame([case("a"), case("b", "viscous_friction")])
+    file = tmp_path / "blind.csv"
+    written.to_csv(file, index=False)
+    for _ in range(2):  # read, written and read again, as the report does
+        effects = effects_of(read_cases(file))
+        pd.testing.assert_frame_equal(effects, effects_of(written))
+        read_cases(file).to_csv(file, index=False)
+    assert blind_section(file) is not None
+    assert list(effects["checked"]) == [100]
 
 
 def test_claims_are_met_by_what_shows_them_and_by_nothing_else():

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from hybrid_dynamics.study.blind_score import LISTED, MISSED, NAMED, NONE
+from hybrid_dynamics.study.blind_score import COLUMNS, LISTED, MISSED, NAMED, NONE
+from hybrid_dynamics.study.results import read_csv
 
 #: Floors from which on a hidden effect must be found; below :data:`NOTHING` it counts as nothing missing.
 SIZE, NOTHING = 3.0, 1.0
@@ -30,6 +32,16 @@ EFFECT_COLUMNS = (
     "seconds",
     "strange",
 )
+
+
+#: Columns whose cells hold one entry a hidden effect, or a name each.
+PER_EFFECT = ("hidden", "hidden_joints", "sizes", "outcomes", "parameter_errors", "checked", "within")
+LISTS = (*PER_EFFECT, "named", "named_joints", "unknown_forms", "wrong", "stand_ins", "other_laws")
+
+
+def read_cases(path: Path) -> pd.DataFrame:
+    """The scored cases of ``scores.csv`` or ``blind.csv``."""
+    return read_csv(path, COLUMNS, LISTS)
 
 
 def truth(column: pd.Series) -> pd.Series:
@@ -60,8 +72,8 @@ def effects_of(cases: pd.DataFrame) -> pd.DataFrame:
 
 
 def _effects(case: Mapping[Any, Any]) -> Iterator[dict[str, Any]]:
-    lists = ("hidden", "hidden_joints", "sizes", "outcomes", "parameter_errors", "checked", "within")
-    for effect, joint, size, outcome, error, checked, within in zip(*(words(case[n]) for n in lists), strict=True):
+    lists = (words(case[name]) for name in PER_EFFECT)
+    for effect, joint, size, outcome, error, checked, within in zip(*lists, strict=True):
         yield {
             "case": case["case"],
             "robot": case["robot"],

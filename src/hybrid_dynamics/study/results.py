@@ -188,10 +188,11 @@ def _tables(folder: Path, methods: list[str], name: str, columns: tuple[str, ...
     return out
 
 
-def read_csv(path: Path, columns: tuple[str, ...] = ()) -> pd.DataFrame:
-    """Read a result CSV; an empty field stays an empty string in text columns. Checks that ``columns`` are there."""
+def read_csv(path: Path, columns: tuple[str, ...] = (), lists: tuple[str, ...] = ()) -> pd.DataFrame:
+    """Read a result CSV; an empty field is NaN. Checks that ``columns`` are there; cells of ``lists`` stay as they are
+    written (a list of one number is no number)."""
     try:
-        table = pd.read_csv(path, keep_default_na=True)
+        table = pd.read_csv(path, dtype=dict.fromkeys(lists, object), keep_default_na=True)
     except pd.errors.EmptyDataError:
         raise InputError(
             f"{path}: the file is empty; expected the columns {', '.join(columns) or 'of a CSV'}"

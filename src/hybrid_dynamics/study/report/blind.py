@@ -10,7 +10,7 @@ import pandas as pd
 
 from hybrid_dynamics.loop_report.html import Cell, details, escape, table
 from hybrid_dynamics.loop_report.words import title_of
-from hybrid_dynamics.study.blind_score import COLUMNS, LISTED, LOOP_SECONDS, NAMED
+from hybrid_dynamics.study.blind_score import LISTED, LOOP_SECONDS, NAMED
 from hybrid_dynamics.study.blind_table import (
     LONG,
     NOTHING,
@@ -20,13 +20,14 @@ from hybrid_dynamics.study.blind_table import (
     found,
     missing,
     pairs,
+    read_cases,
     strange,
     truth,
     words,
 )
 from hybrid_dynamics.study.intervals import clopper_pearson, counted
 from hybrid_dynamics.study.report.pieces import frame_table
-from hybrid_dynamics.study.results import Section, read_csv
+from hybrid_dynamics.study.results import Section
 
 #: Edges of the sizes over which detection is counted.
 SIZES = (0.0, 1.0, 1.5, 2.0, 3.0, 6.0, 12.0, math.inf)
@@ -37,7 +38,7 @@ def blind_section(path: Path) -> Section | None:
     """Undeclared effects hidden in simulation and found again; ``path`` is ``blind.csv``."""
     if not path.exists():
         return None
-    cases = read_csv(path, COLUMNS)
+    cases = read_cases(path)
     effects = effects_of(cases)
     known = cases[~strange(cases)]
     html = (

@@ -17,6 +17,7 @@ from hybrid_dynamics.loop_report.details import STUDY_PART
 from hybrid_dynamics.loop_report.html import Heading, escape
 from hybrid_dynamics.loop_report.page import render_page, render_section
 from hybrid_dynamics.loop_report.sections import Answer
+from hybrid_dynamics.study.blind_table import read_cases
 from hybrid_dynamics.study.claims import paper
 from hybrid_dynamics.study.claims.checks import checks
 from hybrid_dynamics.study.claims.coefficients import damping_of
@@ -40,7 +41,8 @@ def write_report(study: StudyInputs, out_dir: Path) -> Path:
     """
     out_dir = Path(out_dir)
     results = read_study(study)
-    blind, park = (read_csv(path) if path is not None else None for path in (study.blind, study.park))
+    blind = read_cases(study.blind) if study.blind is not None else None
+    park = read_csv(study.park) if study.park is not None else None
     checked = checks(results, blind, park)
     write_tables(results, checked, out_dir)
     writer = _Page()
