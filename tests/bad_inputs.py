@@ -317,16 +317,6 @@ CASES: list[Case] = [
         (*CLOSE[:4], "a.csv", "--test", "bad.csv", "--out", "out"),
         frame(lambda t: t.assign(q1=0.3, q2=-0.2)),
     ),
-    Case(
-        "the arm rests at the end of its only log",
-        (*CLOSE[:4], "bad.csv", "--out", "out"),
-        frame(
-            lambda t: t.assign(
-                q1=t.q1.where(t.time < 4, t.q1[t.time < 4].iloc[-1]),
-                q2=t.q2.where(t.time < 4, t.q2[t.time < 4].iloc[-1]),
-            )
-        ),
-    ),
     # ------------------------------------------------------------------ torque
     Case("torque is zero", CHECK, scaled(0.0, "tau1", "tau2")),
     Case("torque is constant", CHECK, frame(lambda t: t.assign(tau1=3.0, tau2=1.0))),

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_dynamics.loop.paths import paths_of
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.types import Array
@@ -22,6 +23,8 @@ BLOCK_WINDOWS = 2.0
 MOST_IN_ONE = 0.8
 #: Share of a run's positions, joint by joint, that others must have been around for them to predict it.
 LEAST_COMMON = 0.5
+#: Share of a joint's moving rows in one part of a run beyond which it moves in turn: the other parts say little of it.
+IN_TURN = 0.5
 #: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
 FEWEST_BLOCKS, MOST_BLOCKS = 24, 100
 
@@ -74,22 +77,64 @@ class Folds:
 
 
 def folds_of(runs: Sequence[Run], settings: LoopSettings) -> Folds:
-    """The runs in blocks; whole runs are the folds, or parts of them where runs cannot stand in for each other."""
+    """The runs in blocks; whole runs are the folds, or parts of them where runs cannot stand in for each other.
+
+    Runs that repeat one motion are held out together; where all do, parts of that motion are.
+    """
     owner, fold, bounds = [], [], []
-    single = not _share_motion(runs)
-    folds = settings.time_folds if single else len(runs)
+    path = paths_of(runs)
+    single = path.max() == 0 or not _share_motion(runs)
+    folds = settings.time_folds if single else int(path.max()) + 1
     lengths = [float(run.time[-1] - run.time[0]) for run in runs]
     # Blocks are long against the filter's window; where a log is short, as short as that allows.
     wanted = max(settings.block, sum(lengths) / MOST_BLOCKS)
     for r, (run, length) in enumerate(zip(runs, lengths, strict=True)):
-        fewest = min(int(np.ceil(FEWEST_BLOCKS / len(runs))), int(length * run.cutoff / BLOCK_WINDOWS))
+        shortest = int(length * run.cutoff / BLOCK_WINDOWS)
+        fewest = min(int(np.ceil(FEWEST_BLOCKS / len(runs))), shortest)
+        if single and (turns := turns_of(run.mask, folds)) > 1:
+            fewest = max(fewest, min(turns * folds, shortest, MOST_BLOCKS))
         per_run = max(round(length / wanted), fewest, folds if single else 1)
         edges = np.linspace(0, len(run.time), per_run + 1).round().astype(int)
-        for k, (low, high) in enumerate(pairwise(edges)):
-            owner.append(r)
-            bounds.append((int(low), int(high)))
-            fold.append(k * folds // per_run if single else r)
-    return Folds(Blocks(np.array(owner), tuple(bounds)), folds, np.array(fold))
+        bounds += [(int(low), int(high)) for low, high in pairwise(edges)]
+        owner += [r] * per_run
+        fold.append(parts_of(run.mask, edges, folds) if single else np.full(per_run, path[r]))
+    return Folds(Blocks(np.array(owner), tuple(bounds)), folds, np.concatenate(fold))
+
+
+def turns_of(moving: NDArray[np.bool_], number: int) -> int:
+    """How many turns the joints of ``moving`` (K, n) take: 1 where none has more than :data:`IN_TURN` of its motion in
+    one of ``number`` parts of the time."""
+    rows = moving.sum(axis=0)
+    part = np.arange(len(moving)) * number // len(moving)
+    most = np.max([moving[part == p].sum(axis=0) for p in range(number)], axis=0)
+    in_turn = (rows > 0) & (most > IN_TURN * rows)
+    return int(np.ceil(moving.any(axis=1).sum() / rows[in_turn].min())) if in_turn.any() else 1
+
+
+def parts_of(moving: NDArray[np.bool_], edges: Indices, number: int) -> Indices:
+    """(B,) which of ``number`` parts of its joints' motion ``moving`` (K, n) a piece of a run is; ``edges`` (B + 1,).
+
+    Contiguous parts of the time where joints move together. Where they move in turn a part of the time would hold all
+    that is known of a joint: there it is a part of each joint's own motion.
+    """
+    pieces = len(edges) - 1
+    if turns_of(moving, number) == 1:
+        return np.arange(pieces) * number // pieces
+    part: Indices = np.minimum((passed_of(moving, edges) * number).astype(int), number - 1)
+    return part
+
+
+def passed_of(moving: NDArray[np.bool_], edges: Indices) -> Array:
+    """(B,) which share of its joints' motion ``moving`` (K, n) has passed in the middle of a piece of a run; ``edges``
+    (B + 1,)."""
+    pieces = len(edges) - 1
+    own = np.add.reduceat(moving.astype(float), edges[:-1], axis=0) / np.maximum(moving.sum(axis=0), 1)
+    before = np.cumsum(own, axis=0) - own / 2
+    weight = own.sum(axis=1)
+    passed = (own * before).sum(axis=1) / np.where(weight > 0, weight, 1.0)
+    # Where nothing moves, the part of what moved last.
+    last = np.maximum.accumulate(np.where(weight > 0, np.arange(pieces), 0))
+    return np.asarray(passed[last])
 
 
 def block_starts(time: Array, block: float) -> Indices:
@@ -98,12 +143,13 @@ def block_starts(time: Array, block: float) -> Indices:
     return np.linspace(0, len(time), count + 1).round().astype(int)[:-1]
 
 
-def folds_by_time(blocks: Blocks, number: int) -> Folds:
-    """Contiguous parts of every run in turn, so that every run is in every fit."""
+def folds_by_time(runs: Sequence[Run], blocks: Blocks, number: int) -> Folds:
+    """Parts of every run in turn (:func:`parts_of`), so that every run is in every fit."""
     of_block = np.zeros(len(blocks), int)
-    for r in np.unique(blocks.run):
+    for r, run in enumerate(runs):
         mine = np.flatnonzero(blocks.run == r)
-        of_block[mine] = np.arange(len(mine)) * number // len(mine)
+        edges = np.array([*(blocks.rows[b][0] for b in mine), len(run.time)])
+        of_block[mine] = parts_of(run.mask, edges, number)
     return Folds(blocks, number, of_block)
 
 

@@ -153,8 +153,8 @@ class Evidence:
         return Evidence(self._linear, np.where(seen, 1.0 / np.where(seen, floor, 1.0) ** 2, 0.0))
 
     def fold_by_time(self) -> Evidence:
-        """Folded anew: contiguous parts of every run in turn, so that every run is in every fit."""
-        folds = folds_by_time(self.blocks, self.settings.time_folds)
+        """Folded anew: parts of every run in turn, so that every run is in every fit."""
+        folds = folds_by_time(self.runs, self.blocks, self.settings.time_folds)
         return Evidence(self._linear.folded(folds), self.weights)
 
     def leave_out(self, run: int, rows: slice, joint: int | None = None) -> Evidence:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.loop.binned import curves_of
 from hybrid_dynamics.loop.blackbox import holm, learnable, state_features
+from hybrid_dynamics.loop.blocks import parts_of, turns_of
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.warming import friction_in_time
@@ -149,13 +150,22 @@ def _folds(runs: Sequence[Run], time_folds: int) -> list[NDArray[np.int_]]:
     parts = max(round(time_folds / len(runs)), 1)
     out = []
     for r, run in enumerate(runs):
-        part = np.arange(len(run.time)) * parts // len(run.time)
+        part = _parts(run, parts)
         fold = (r * parts + part) % max(MOST_FOLDS, parts)
         gap = window_rows(run, FORGOTTEN)
         for e in np.flatnonzero(np.diff(part)):
             fold[max(e - gap + 1, 0) : e + gap + 1] = -1
         out.append(fold)
     return out
+
+
+def _parts(run: Run, number: int) -> NDArray[np.int_]:
+    """Part of every row: of the time, or of each joint's motion where joints move in turn, two then: gaps are many."""
+    if turns_of(run.mask, number) == 1:
+        return np.arange(len(run.time)) * number // len(run.time)
+    pieces = max(int(np.ptp(run.time) * run.cutoff), 2)
+    edges = np.linspace(0, len(run.time), pieces + 1).round().astype(int)
+    return np.repeat(parts_of(run.mask, edges, min(number, 2)), np.diff(edges))
 
 
 def _unshared(runs: Sequence[Run], mask: Sequence[Mask], folds: Sequence[NDArray[np.int_]], joint: int) -> float:

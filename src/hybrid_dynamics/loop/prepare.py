@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,9 +14,11 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.contact import without_contacts
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
+from hybrid_dynamics.loop.hold_out import hold_out
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.noise import noise_floor, rich_residuals
 from hybrid_dynamics.loop.outliers import describe, outlier_segments
+from hybrid_dynamics.loop.paths import paths_of
 from hybrid_dynamics.loop.process import Run, moving_joints, process
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.trace import Judge, same_place
@@ -93,6 +95,7 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
             run.mask[:, joint] = False
     logs = Logs(runs, tests, moving, np.where(np.isinf(step), 0.0, step), notes)
     notes += _told_untested(robot, logs, bool(test), settings)
+    notes += _told_repeated(logs, bool(test), settings)
     return logs
 
 
@@ -114,6 +117,24 @@ def _told_untested(robot: Robot, logs: Logs, given: bool, settings: LoopSettings
     stand = "stand" if len(names) > 1 else "stands"
     told = f"{', '.join(names)}: {stand} still in the test runs, which say nothing of what is found on it"
     return [told] if names else []
+
+
+def _told_repeated(logs: Logs, given: bool, settings: LoopSettings) -> list[str]:
+    """Lines for runs that repeat one motion: validated, or tested (where test runs are ``given``), on that alone."""
+    learned, held_out = np.split(paths_of([*logs.train, *logs.test]), [len(logs.train)])
+    told = []
+    if len(learned) > 1 and np.all(learned == learned[0]):
+        told.append(
+            f"the training runs repeat one motion: candidates are validated on {settings.time_folds} parts of it in "
+            "turn; what is particular to this motion cannot be told from what belongs to the robot"
+        )
+    again = [run.name for run, path in zip(logs.test, held_out, strict=True) if path in learned]
+    if given and again:
+        told.append(
+            f"{', '.join(again)}: repeats the motion of a training run; whether the result carries over to other "
+            "motions is not shown by it"
+        )
+    return told
 
 
 def torque_step(runs: Sequence[Trajectory]) -> Array:
@@ -167,32 +188,6 @@ def candidates(base: Model, moving: NDArray[np.bool_], settings: LoopSettings) -
         *(s for s in terms if not any(same_place(s, o) for o in own)),
         *(o for o in own if o.effect in settings.families),
     ]
-
-
-def hold_out(
-    train: list[Trajectory], test: list[Trajectory], settings: LoopSettings
-) -> tuple[list[Trajectory], list[Trajectory], list[str]]:
-    """Test runs where there are none: the last part of every training run, after a gap."""
-    notes = []
-    if not test:
-        kept = []
-        for run in train:
-            rows = len(run.time)
-            cut = int((1 - settings.held_out_share) * rows)
-            gap = min(int(settings.held_out_gap / run.dt), rows // 10)
-            kept.append(run.rows(slice(0, cut)))
-            test.append(replace(run.rows(slice(cut + gap, rows)), split="test", name=f"{run.name} (held out)"))
-        train = kept
-        notes.append(
-            f"no test run is given: the last {settings.held_out_share:.0%} of every training run are held out; whether "
-            "the result carries over to other motions is not shown"
-        )
-    if len(train) == 1:
-        notes.append(
-            f"one training run only: candidates are validated on {settings.time_folds} parts of it in turn; what is "
-            "particular to this run cannot be told from what belongs to the robot"
-        )
-    return train, test, notes
 
 
 def _without_outliers(evidence: Evidence) -> tuple[Evidence, list[str]]:

@@ -120,6 +120,11 @@ def hann_kernel(duration: float, dt: float, step: int = 1) -> Array:
     return np.asarray(taps / taps.sum())
 
 
+def least_rows(dt: float, settings: ProcessSettings) -> int:
+    """Samples, one every ``dt`` [s], below which a run is too short for the filter."""
+    return 2 * int(np.ceil(END_PERIODS / settings.cutoff_at(dt) / dt)) + max(20, round(0.3 / dt))
+
+
 def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> Run:
     """Process one uniformly sampled run; :class:`InputError` where it is too short."""
     dt = trajectory.dt
@@ -132,7 +137,7 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
     rate = 1.0 / dt
     cutoff = settings.cutoff_at(dt)
     trim = int(np.ceil(END_PERIODS / cutoff / dt))
-    if len(trajectory.time) < 2 * trim + max(20, round(0.3 / dt)):
+    if len(trajectory.time) < least_rows(dt, settings):
         raise InputError(
             f"run {trajectory.name}: lasts {trajectory.time[-1] - trajectory.time[0]:.2f} s at {rate:.0f} Hz; "
             f"expected at least {2 * trim * dt + 0.5:.1f} s; record longer runs, or hold out whole runs with --test"
