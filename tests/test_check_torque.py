@@ -131,6 +131,17 @@ def test_a_clock_that_is_wrong_by_powers_of_ten_is_found(panda, factor):
     assert [(f.severity, f.code) for f in findings] == [("hard", "time_scale")]
 
 
+@pytest.mark.parametrize("joint", [3, 5])
+def test_one_joint_with_more_weight_and_no_more_inertia_is_no_clock(panda, joint):
+    """One clock drives all joints: those that are explained as they stand speak against it."""
+    log = excitation(panda, FRICTION, duration=16.0, rate=200.0)
+    still = np.zeros_like(log["q"])
+    weight = panda.inverse_dynamics(log["q"], still, still)
+    tau = log["tau"].copy()
+    tau[:, joint] += 4.0 * weight[:, joint]
+    assert not [f for f in told(panda, log.with_signals(tau=tau)) if f[1] == "time_scale"]
+
+
 @pytest.mark.parametrize("com", [(0.0, 0.0, -0.3), (-0.2, 0.1, 0.0), (0.0, -0.2, 0.1)])
 @pytest.mark.parametrize("friction", [[], FRICTION], ids=["smooth", "friction"])
 def test_an_undeclared_payload_is_no_fault_wherever_it_hangs(panda, com, friction):

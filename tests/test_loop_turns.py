@@ -71,6 +71,19 @@ def test_every_piece_is_of_a_part_whatever_moves(moving, pieces):
     assert part.max() < PARTS
 
 
+def test_a_twitch_is_no_turn_and_halves_of_a_motion_are_none():
+    moving = together()
+    moving[:, 2] = False
+    moving[300:305, 2] = True
+    assert turns_of(moving, PARTS) == 1
+    rng = np.random.default_rng(0)
+    # Whatever number of parts: joints that move together, each with rests of its own, take no turns.
+    assert all(turns_of(rng.random((600, 7)) < 0.7, number) == 1 for number in range(1, 8))
+    # The control: a joint that moves as shortly, but long enough for parts of its motion.
+    moving[300:360, 2] = True
+    assert turns_of(moving, PARTS) == 10
+
+
 def again(run: Trajectory, seed: int, rows: int = 0) -> Trajectory:
     """The same motion once more, with other noise, logged from ``rows`` samples later on."""
     rng = np.random.default_rng(seed)
@@ -98,6 +111,35 @@ def test_runs_that_repeat_a_motion_have_one_path_and_are_held_out_together():
     folds = folds_of(processed(one, again(one, 3), again(one, 5)), LoopSettings())
     assert folds.number == LoopSettings().time_folds
     assert all(set(folds.of_block[folds.blocks.run == r]) == set(range(folds.number)) for r in range(3))
+
+
+def test_every_fold_leaves_something_of_every_joint_where_a_motion_is_all_that_is_known_of_it():
+    """One joint a log, each log twice: held out with its twin, a motion would leave nothing of its joint."""
+    one = noisy_log((), 1, "train", 0.01)
+    alone = [
+        replace(one, name=f"joint {j}", signals={"q": one["q"] * (np.arange(2) == j), "tau": one["tau"]})
+        for j in (0, 1)
+    ]
+    runs = processed(alone[0], again(alone[0], 3), alone[1], again(alone[1], 4))
+    folds = folds_of(runs, LoopSettings())
+    for fold in range(folds.number):
+        learned = np.zeros(2)
+        out = {*folds.own[fold], *folds.edges[fold]}
+        for block, (low, high) in enumerate(folds.blocks.rows):
+            if block not in out:
+                learned += runs[folds.blocks.run[block]].mask[low:high].sum(axis=0)
+        assert np.all(learned > 100)
+
+
+def test_a_part_of_a_motion_repeats_it_in_any_order_and_a_small_motion_is_not_near_a_large_one():
+    one = noisy_log((), 1, "train", 0.01)
+    part = again(one, 3).rows(slice(0, 2500))
+    assert paths_of(processed(one, part)).tolist() == paths_of(processed(part, one)).tolist() == [0, 0]
+    small = [
+        replace(r, name=f"small {r.name}", signals={"q": 0.02 * r["q"], "tau": r["tau"]})
+        for r in (noisy_log((), seed, "train", 0.01) for seed in (4, 5))
+    ]
+    assert len(set(paths_of(processed(*small, one)))) == 3
 
 
 def test_one_joint_alone_has_no_path_that_could_be_told_from_chance():
@@ -136,11 +178,17 @@ def test_friction_of_every_joint_is_named_from_one_run_in_which_they_move_in_tur
 def test_without_test_runs_the_end_of_each_joints_motion_is_held_out(panda):
     settings = LoopSettings()
     run = in_turn(panda, [], "turns")
-    kept, held, notes = hold_out([run], [], settings)
+    split = hold_out([run], [], settings)
+    kept, held, notes = split.train, split.test, split.notes
+    assert set(split.began[0] + split.began[1]) == {0.0}
     assert len(kept) == len(held) == panda.n_joints
     for j in range(panda.n_joints):
         learned, tested = (sum(np.ptp(piece["q"][:, j]) > 0.1 for piece in pieces) for pieces in (kept, held))
         assert (learned, tested) == (1, 1)
+    # Three joints: equal turns put a half of one joint's motion into a part, and the end has all of the last one's.
+    first = replace(run, signals={k: v[: 3 * 1000, :3] for k, v in run.signals.items()}, time=run.time[:3000])
+    split = hold_out([first, first], [], settings)
+    assert [len(split.train), len(split.test)] == [6, 6]
     # Nothing is in both, and what is held out is what is said, less the gaps.
     times = np.concatenate([piece.time for piece in (*kept, *held)])
     assert len(np.unique(times)) == len(times)
@@ -150,8 +198,13 @@ def test_without_test_runs_the_end_of_each_joints_motion_is_held_out(panda):
 
 
 def test_the_end_of_the_run_is_held_out_where_joints_move_together_or_turns_are_too_short(panda):
-    for run in (excitation(panda, duration=12.0, rate=250.0), in_turn(panda, [], "turns", seconds=1.0)):
-        kept, held, notes = hold_out([run], [], LoopSettings())
+    slow = in_turn(panda, [], "slow", seconds=60.0)
+    twitch = excitation(panda, duration=12.0, rate=250.0, still=(3,))
+    twitch["q"][2900:2925, 3] += 0.004
+    runs = [excitation(panda, duration=12.0, rate=250.0), in_turn(panda, [], "turns", seconds=1.0), twitch]
+    for run in (*runs, slow.rows(slice(None, None, 125))):
+        split = hold_out([run], [], LoopSettings())
+        kept, held, notes = split.train, split.test, split.notes
         assert [piece.name for piece in kept] == [run.name]
         assert [piece.name for piece in held] == [f"{run.name} (held out)"]
         assert held[0].time[-1] == run.time[-1]
@@ -162,13 +215,15 @@ def test_an_end_at_which_the_arm_rests_is_left_out_of_its_only_log():
     run = noisy_log((), 1, "train", 0.01)
     rows = np.minimum(np.arange(len(run.time)), 2000)  # it stops after 10 of 20 s
     rests = replace(run, signals={"q": run["q"][rows], "tau": run["tau"]})
-    kept, held, notes = hold_out([rests], [], LoopSettings())
+    split = hold_out([rests], [], LoopSettings())
+    kept, held, notes = split.train, split.test, split.notes
     assert 10.0 < held[0].time[-1] < 11.0
     assert notes[0] == "train_1: the arm rests over the last 9.5 s, which are left out"
     assert kept[0].time[-1] < held[0].time[0]
     # The control: one that moves to its end is left whole, as is one with a test run.
     for train, test in (([run], []), ([rests], [run])):
-        kept, held, notes = hold_out(train, test, LoopSettings())
+        split = hold_out(train, test, LoopSettings())
+        kept, held, notes = split.train, split.test, split.notes
         assert (held or kept)[-1].time[-1] == run.time[-1]
         assert not any("rests" in note for note in notes)
 

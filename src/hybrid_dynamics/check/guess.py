@@ -27,6 +27,9 @@ SIGN, PLACE, MOUNTING, PACE = 0.7, 0.7, 0.7, 1.0
 SAME_MOUNTING = np.deg2rad(15.0)
 #: What a clock may be wrong by: true speed over recorded speed.
 PACES = (1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3)
+#: A joint speaks against another clock where it is explained by so much worse (natural logarithm of the mean square),
+#: or where its links would weigh this many times what they should, or less than one over it.
+AGAINST, PLAUSIBLE = 0.3, 5.0
 #: Rows on which exchanged positions are tried, and the share a joint must leave unexplained before they are.
 SWAP_ROWS, UNEXPLAINED = 2000, 0.3
 #: A joint counts as explained where a guess leaves less than this share of its torque's mean square.
@@ -122,8 +125,19 @@ def _assigned(forms: Forms, told: Guess, gravity: Array, source: tuple[int, ...]
 
 
 def _paced(forms: Forms, told: Guess, pace: float) -> Guess:
-    scores = tuple(forms.fit(j, told.gravity, pace=pace).score for j in range(forms.n))
-    return replace(told, pace=pace, scores=scores, price=PACE)
+    """The guess of another clock; beyond any price where a joint that needs none contradicts it.
+
+    One clock drives all joints: a link that weighs what it should is a hundred times as heavy by a clock that is ten
+    times wrong, and what else one joint lacks is no clock where another is explained worse so.
+    """
+    fits = [forms.fit(j, told.gravity, pace=pace) for j in range(forms.n)]
+    out = replace(told, pace=pace, scores=tuple(fit.score for fit in fits), price=PACE)
+    for j, fit in enumerate(fits):
+        own = forms.fit(j, told.gravity)
+        sane, still = (1 / PLAUSIBLE <= f.coefficients[0] <= PLAUSIBLE for f in (own, fit))
+        if own.left < UNEXPLAINED and (fit.score - own.score > AGAINST or (sane and not still)):
+            return replace(out, price=np.inf)
+    return out
 
 
 def _rearranged(model: Robot | Completed, parts: Sequence[Stretch], told: Guess, best: Guess) -> list[Guess]:

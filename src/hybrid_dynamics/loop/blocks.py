@@ -23,8 +23,9 @@ BLOCK_WINDOWS = 2.0
 MOST_IN_ONE = 0.8
 #: Share of a run's positions, joint by joint, that others must have been around for them to predict it.
 LEAST_COMMON = 0.5
-#: Share of a joint's moving rows in one part of a run beyond which it moves in turn: the other parts say little of it.
-IN_TURN = 0.5
+#: Share of a joint's moving rows in one part of a run from which it moves in turn: the other parts say little of it.
+#: With fewer rows than these for every part nothing is gained by parts of its motion.
+IN_TURN, LEAST_ROWS = 0.45, 10
 #: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
 FEWEST_BLOCKS, MOST_BLOCKS = 24, 100
 
@@ -83,7 +84,7 @@ def folds_of(runs: Sequence[Run], settings: LoopSettings) -> Folds:
     """
     owner, fold, bounds = [], [], []
     path = paths_of(runs)
-    single = path.max() == 0 or not _share_motion(runs)
+    single = not _share_motion(runs, path)
     folds = settings.time_folds if single else int(path.max()) + 1
     lengths = [float(run.time[-1] - run.time[0]) for run in runs]
     # Blocks are long against the filter's window; where a log is short, as short as that allows.
@@ -92,7 +93,7 @@ def folds_of(runs: Sequence[Run], settings: LoopSettings) -> Folds:
         shortest = int(length * run.cutoff / BLOCK_WINDOWS)
         fewest = min(int(np.ceil(FEWEST_BLOCKS / len(runs))), shortest)
         if single and (turns := turns_of(run.mask, folds)) > 1:
-            fewest = max(fewest, min(turns * folds, shortest, MOST_BLOCKS))
+            fewest = max(fewest, min(turns * folds, shortest, max(MOST_BLOCKS // len(runs), folds)))
         per_run = max(round(length / wanted), fewest, folds if single else 1)
         edges = np.linspace(0, len(run.time), per_run + 1).round().astype(int)
         bounds += [(int(low), int(high)) for low, high in pairwise(edges)]
@@ -102,13 +103,13 @@ def folds_of(runs: Sequence[Run], settings: LoopSettings) -> Folds:
 
 
 def turns_of(moving: NDArray[np.bool_], number: int) -> int:
-    """How many turns the joints of ``moving`` (K, n) take: 1 where none has more than :data:`IN_TURN` of its motion in
-    one of ``number`` parts of the time."""
+    """How many turns the joints of ``moving`` (K, n) take: 1 where no part of ``number`` of the time has much more of
+    a joint's motion (:data:`IN_TURN`) than the others."""
     rows = moving.sum(axis=0)
     part = np.arange(len(moving)) * number // len(moving)
     most = np.max([moving[part == p].sum(axis=0) for p in range(number)], axis=0)
-    in_turn = (rows > 0) & (most > IN_TURN * rows)
-    return int(np.ceil(moving.any(axis=1).sum() / rows[in_turn].min())) if in_turn.any() else 1
+    in_turn = (rows >= LEAST_ROWS * number) & (most >= max(IN_TURN, 1.5 / number) * rows)
+    return int(np.ceil(moving.any(axis=1).sum() / rows[in_turn].min())) if number > 1 and in_turn.any() else 1
 
 
 def parts_of(moving: NDArray[np.bool_], edges: Indices, number: int) -> Indices:
@@ -128,7 +129,8 @@ def passed_of(moving: NDArray[np.bool_], edges: Indices) -> Array:
     """(B,) which share of its joints' motion ``moving`` (K, n) has passed in the middle of a piece of a run; ``edges``
     (B + 1,)."""
     pieces = len(edges) - 1
-    own = np.add.reduceat(moving.astype(float), edges[:-1], axis=0) / np.maximum(moving.sum(axis=0), 1)
+    until = np.vstack([np.zeros(moving.shape[1], int), np.cumsum(moving, axis=0)])
+    own = np.diff(until[edges], axis=0) / np.maximum(until[-1], 1)
     before = np.cumsum(own, axis=0) - own / 2
     weight = own.sum(axis=1)
     passed = (own * before).sum(axis=1) / np.where(weight > 0, weight, 1.0)
@@ -153,19 +155,21 @@ def folds_by_time(runs: Sequence[Run], blocks: Blocks, number: int) -> Folds:
     return Folds(blocks, number, of_block)
 
 
-def _share_motion(runs: Sequence[Run]) -> bool:
-    """False for a single run, and where no run could be predicted from the others.
+def _share_motion(runs: Sequence[Run], path: Indices) -> bool:
+    """False where the motions of the runs, one a ``path`` (R,), could not be predicted from the others.
 
-    That is so where a joint moves in hardly more than one, and where most joints are elsewhere in every run: what a
-    body fitted to some poses says of others is no measure of whether it is there.
+    That is so where there is one only, where a joint moves in hardly more than one, and where most joints are elsewhere
+    in every one: what a body fitted to some poses says of others is no measure of whether it is there.
     """
-    rows = np.array([run.mask.sum(axis=0) for run in runs], float)
+    paths = range(int(path.max()) + 1)
+    by_run = np.array([run.mask.sum(axis=0) for run in runs], float)
+    rows = np.array([by_run[path == p].sum(axis=0) for p in paths])
     total = rows.sum(axis=0)
-    if len(runs) < 2 or np.any(rows.max(axis=0)[total > 0] > MOST_IN_ONE * total[total > 0]):
+    if len(rows) < 2 or np.any(rows.max(axis=0)[total > 0] > MOST_IN_ONE * total[total > 0]):
         return False
-    inside = np.zeros(rows.shape)
+    inside = np.zeros(by_run.shape)
     for k, run in enumerate(runs):
-        others = np.concatenate([other.q for other in runs if other is not run])
+        others = np.concatenate([other.q for other, p in zip(runs, path, strict=True) if p != path[k]])
         inside[k] = np.mean((run.q >= others.min(axis=0)) & (run.q <= others.max(axis=0)), axis=0)
     return bool(np.median(inside.mean(axis=0)[total > 0]) >= LEAST_COMMON)
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.loop.blocks import passed_of, turns_of
+from hybrid_dynamics.loop.blocks import passed_of
 from hybrid_dynamics.loop.process import least_rows
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.trajectory import Trajectory
@@ -24,26 +24,33 @@ MOST_GAP, MOST_REST = 0.3, 0.5
 REST = 0.5
 
 
-def hold_out(
-    train: list[Trajectory], test: list[Trajectory], settings: LoopSettings
-) -> tuple[list[Trajectory], list[Trajectory], list[str]]:
-    """``train``, test runs, and what is to be said of them.
+@dataclass(frozen=True)
+class Split:
+    """Runs ``train`` and ``test``, when [s] the logs that they are pieces of ``began``, and what is to be said."""
 
-    Without ``test`` it is the last ``settings.held_out_share`` of every training run after a gap; where its joints move
-    in turn, of each joint's motion: the last part of the time would hold all that is known of the last joint. An end at
-    which the arm rests proves nothing and is left out.
+    train: list[Trajectory]
+    test: list[Trajectory]
+    began: tuple[list[float], list[float]]
+    notes: list[str]
+
+
+def hold_out(train: Sequence[Trajectory], test: Sequence[Trajectory], settings: LoopSettings) -> Split:
+    """``train`` and ``test``.
+
+    Without ``test`` it is the last ``settings.held_out_share`` of every training run after a gap; where a joint moves
+    in that part alone, of each joint's motion. An end at which the arm rests proves nothing and is left out.
     """
     notes: list[str] = []
-    kept, held = train, test
+    learned = [(run, float(run.time[0])) for run in train]
+    held = [(run, float(run.time[0])) for run in test]
     if not test:
-        train = [_until_it_rests(run, settings, notes) for run in train]
-        cut = {run.name: _in_turn(run, settings) for run in train}
-        kept, held = [], []
-        for run in train:
-            own = cut[run.name] or _at_the_end(run, settings)
-            kept += own[0]
-            held += own[1]
-        turned = [name for name, own in cut.items() if own]
+        learned, turned = [], []
+        for run in (_until_it_rests(run, settings, notes) for run in train):
+            own = _in_turn(run, settings)
+            turned += [run.name] if own else []
+            began = float(run.time[0])
+            for part, out in zip(own or _at_the_end(run, settings), (learned, held), strict=True):
+                out += [(piece, began) for piece in part]
         of_each = f" (of {', '.join(turned)}, in which joints move in turn, of each joint's motion)" if turned else ""
         notes.append(
             f"no test run is given: the last {settings.held_out_share:.0%} of every training run{of_each} are held "
@@ -54,7 +61,8 @@ def hold_out(
             f"one training run only: candidates are validated on {settings.time_folds} parts of it in turn; what is "
             "particular to this run cannot be told from what belongs to the robot"
         )
-    return kept, held, notes
+    clocks = [began for _, began in learned], [began for _, began in held]
+    return Split([run for run, _ in learned], [run for run, _ in held], clocks, notes)
 
 
 def _until_it_rests(run: Trajectory, settings: LoopSettings, notes: list[str]) -> Trajectory:
@@ -77,37 +85,40 @@ def _at_the_end(run: Trajectory, settings: LoopSettings) -> tuple[list[Trajector
 
 
 def _in_turn(run: Trajectory, settings: LoopSettings) -> tuple[list[Trajectory], list[Trajectory]] | None:
-    """Pieces of ``run`` to learn from and to hold out, None where its joints do not move in turn or too shortly."""
-    moving = _moving(run, settings)
-    if turns_of(moving, settings.time_folds) == 1:
+    """Pieces of ``run`` to learn from and to hold out of each joint's motion; None where the end of the run loses no
+    joint, or where turns are too short for the filter."""
+    least = least_rows(run.dt, settings.process)
+    whole = _moves(run, settings, least)
+    if not np.any(whole & ~_moves(_at_the_end(run, settings)[0][0], settings, least)):
         return None
-    edges = np.linspace(0, len(moving), max(round(np.ptp(run.time) / PIECE), 2) + 1).round().astype(int)
+    moving = _moving(run, settings)
+    pieces = min(max(round(np.ptp(run.time) / PIECE), 2), len(moving) // 2)
+    edges = np.linspace(0, len(moving), pieces + 1).round().astype(int)
     end = passed_of(moving, edges) >= 1 - settings.held_out_share
     bounds = [0, *(edges[1:-1][np.diff(end)]), len(moving)]
     kept: list[Trajectory] = []
     held: list[Trajectory] = []
-    least = least_rows(run.dt, settings.process)
     for low, high in pairwise(map(int, bounds)):
         out = bool(end[np.searchsorted(edges, low, side="right") - 1])
         gap = min(int(settings.held_out_gap / run.dt), int(MOST_GAP * (high - low))) if out else 0
         if high - low - gap < least:
             continue
-        number = len(held if out else kept) + 1
         if out:
-            held.append(_held(run, slice(low + gap, high), f" {number}"))
+            held.append(_held(run, slice(low + gap, high), f" {len(held) + 1}"))
         else:
-            kept.append(replace(run.rows(slice(low, high)), name=f"{run.name} (part {number})"))
-    learned = _joints(kept, settings)
-    # Where a turn is too short for the filter, the end of the run is held out as ever.
-    return (kept, held) if kept and held and np.all(learned == moving.any(axis=0)) else None
+            kept.append(replace(run.rows(slice(low, high)), name=f"{run.name} (part {len(kept) + 1})"))
+    learned = np.any([_moves(piece, settings, 1) for piece in kept], axis=0) if kept else np.zeros_like(whole)
+    return (kept, held) if held and np.all(learned[whole]) else None
 
 
 def _held(run: Trajectory, rows: slice, number: str = "") -> Trajectory:
     return replace(run.rows(rows), split="test", name=f"{run.name} (held out{number})")
 
 
-def _joints(runs: Sequence[Trajectory], settings: LoopSettings) -> NDArray[np.bool_]:
-    return np.any([_moving(run, settings).any(axis=0) for run in runs], axis=0) if runs else np.zeros(0, bool)
+def _moves(run: Trajectory, settings: LoopSettings, least: int) -> NDArray[np.bool_]:
+    """(n,) which joints move far enough to be learned from, on ``least`` samples or more."""
+    rows = _moving(run, settings).sum(axis=0)
+    return np.asarray((rows >= least) & (np.ptp(run["q"], axis=0) > settings.process.moving_range))
 
 
 def _moving(run: Trajectory, settings: LoopSettings) -> NDArray[np.bool_]:

@@ -75,16 +75,19 @@ class Logs:
 
 def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajectory], settings: LoopSettings) -> Logs:
     """Process all runs; without test runs the last part of every training run is held out."""
-    learned, held, notes = hold_out(list(train), list(test), settings)
-    runs = [process(t, robot, settings.process) for t in learned]
-    tests = [process(t, robot, settings.process) for t in held]
+    split = hold_out(train, test, settings)
+    runs, tests = (
+        [process(t, robot, settings.process, began) for t, began in zip(pieces, clocks, strict=True)]
+        for pieces, clocks in zip((split.train, split.test), split.began, strict=True)
+    )
+    notes = split.notes
     moving = moving_joints(runs, settings.process)
     if not moving.any():
         raise InputError(
             f"no joint moves more than {settings.process.moving_range} rad in the training runs; expected logs of a "
             "robot in motion"
         )
-    step = torque_step(learned)
+    step = torque_step(split.train)
     for joint in np.flatnonzero(moving & np.isinf(step)):
         notes.append(
             f"the torque of {robot.joint_names[joint]} never changes in the training runs: nothing is said of this "

@@ -125,8 +125,11 @@ def least_rows(dt: float, settings: ProcessSettings) -> int:
     return 2 * int(np.ceil(END_PERIODS / settings.cutoff_at(dt) / dt)) + max(20, round(0.3 / dt))
 
 
-def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> Run:
-    """Process one uniformly sampled run; :class:`InputError` where it is too short."""
+def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings, began: float | None = None) -> Run:
+    """Process one uniformly sampled run; :class:`InputError` where it is too short.
+
+    ``began`` [s]: when the run did of which it is a piece.
+    """
     dt = trajectory.dt
     if not np.allclose(np.diff(trajectory.time), dt, rtol=1e-2, atol=1e-9):
         raise InputError(f"run {trajectory.name}: time stamps are not uniform; resample the log first")
@@ -156,7 +159,14 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
 
     inside = slice(trim, len(q) - trim)
     fine = slice(trim, len(q) - trim, step)
-    motion = Motion(robot, trajectory.time[fine], q[fine], dq[fine], ddq[fine], began=float(trajectory.time[0]))
+    motion = Motion(
+        robot,
+        trajectory.time[fine],
+        q[fine],
+        dq[fine],
+        ddq[fine],
+        began=float(trajectory.time[0]) if began is None else began,
+    )
     coarse = hann_kernel(1.0 / cutoff, dt, step)
     edge = len(coarse) // 2
     count = len(range(edge, len(motion.time) - edge, keep))
@@ -168,10 +178,10 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
         if filtered is None:
             # Shift so that the first kept output is the one centred on sample `edge`.
             shift = (2 * edge) % keep
-            start = (2 * edge) // keep
+            begin = (2 * edge) // keep
             padded = np.concatenate([np.zeros(((keep - shift) % keep, *x.shape[1:])), x]) if shift else x
-            start += 1 if shift else 0
-            return np.asarray(upfirdn(coarse, padded, up=1, down=keep, axis=0))[start : start + rows]
+            begin += 1 if shift else 0
+            return np.asarray(upfirdn(coarse, padded, up=1, down=keep, axis=0))[begin : begin + rows]
         return np.asarray(filtered)[2 * edge : 2 * edge + rows]
 
     torque = np.asarray(upfirdn(kernel, trajectory["tau"], axis=0))[half : half + len(q)]
