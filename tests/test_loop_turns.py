@@ -11,7 +11,7 @@ from tests.small_arm import noisy_log
 
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop import LoopSettings, close_loop
-from hybrid_dynamics.loop.blocks import IN_TURN, folds_of, parts_of, turns_of
+from hybrid_dynamics.loop.blocks import FARTHEST, FEW_PARTS, IN_TURN, folds_of, parts_of, reach_of, turns_of
 from hybrid_dynamics.loop.hold_out import hold_out
 from hybrid_dynamics.loop.paths import paths_of
 from hybrid_dynamics.loop.process import Run, process
@@ -129,6 +129,33 @@ def test_every_fold_leaves_something_of_every_joint_where_a_motion_is_all_that_i
             if block not in out:
                 learned += runs[folds.blocks.run[block]].mask[low:high].sum(axis=0)
         assert np.all(learned > 100)
+
+
+def test_runs_that_go_each_their_own_way_are_held_out_in_parts(panda):
+    """Learnt from a few moves of all joints at once, the links' torque on a few others is anybody's guess."""
+
+    def moves(seed: int, poses: int) -> Run:
+        rng = np.random.default_rng(seed)
+        low, high = panda.position_limits
+        via = (low + high) / 2 + 0.3 * (high - low) * rng.uniform(-1, 1, (poses, panda.n_joints))
+        time = np.arange(0, 16.0, 0.005)
+        place = np.interp(time % 8.0, np.linspace(0, 8, poses + 1), np.arange(poses + 1))
+        k, s = place.astype(int) % poses, place % 1
+        q = via[k] + (s**3 * (10 - 15 * s + 6 * s**2))[:, None] * (via[(k + 1) % poses] - via[k])
+        log = Trajectory(f"moves {seed}", "train", time, {"q": q, "tau": panda.inverse_dynamics(q, 0 * q, 0 * q)})
+        return process(log, panda, LoopSettings().process)
+
+    def reach(poses: int, runs: int) -> float:
+        some = [moves(seed, poses) for seed in range(runs)]
+        return reach_of(some, paths_of(some))
+
+    cycle = [moves(seed, 5) for seed in range(2)]
+    assert reach_of(cycle, paths_of(cycle)) > FARTHEST
+    assert folds_of(cycle, LoopSettings()).number == FEW_PARTS
+    assert reach(12, 4) < FARTHEST
+    # The same states in all: known as well as where it was learnt.
+    same = [moves(1, 5), replace(moves(1, 5), name="again")]
+    assert reach_of(same, np.array([0, 1])) == pytest.approx(1.0)
 
 
 def test_a_part_of_a_motion_repeats_it_in_any_order_and_a_small_motion_is_not_near_a_large_one():

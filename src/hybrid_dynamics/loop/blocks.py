@@ -26,6 +26,9 @@ LEAST_COMMON = 0.5
 #: Share of a joint's moving rows in one part of a run from which it moves in turn: the other parts say little of it.
 #: With fewer rows than these for every part nothing is gained by parts of its motion.
 IN_TURN, LEAST_ROWS = 0.45, 10
+#: Runs are held out whole where the links' torque on them, learnt from the others, is at most this many times as
+#: uncertain as on those; else these few parts of each. States of a run that are looked at, and what counts as zero.
+FARTHEST, FEW_PARTS, STATES, RANK = 4.0, 3, 300, 1e-6
 #: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
 FEWEST_BLOCKS, MOST_BLOCKS = 24, 100
 
@@ -84,8 +87,9 @@ def folds_of(runs: Sequence[Run], settings: LoopSettings) -> Folds:
     """
     owner, fold, bounds = [], [], []
     path = paths_of(runs)
-    single = not _share_motion(runs, path)
-    folds = settings.time_folds if single else int(path.max()) + 1
+    shared = _share_motion(runs, path)
+    single = not shared or reach_of(runs, path) > FARTHEST
+    folds = (min(FEW_PARTS, settings.time_folds) if shared else settings.time_folds) if single else int(path.max()) + 1
     lengths = [float(run.time[-1] - run.time[0]) for run in runs]
     # Blocks are long against the filter's window; where a log is short, as short as that allows.
     wanted = max(settings.block, sum(lengths) / MOST_BLOCKS)
@@ -172,6 +176,32 @@ def _share_motion(runs: Sequence[Run], path: Indices) -> bool:
         others = np.concatenate([other.q for other, p in zip(runs, path, strict=True) if p != path[k]])
         inside[k] = np.mean((run.q >= others.min(axis=0)) & (run.q <= others.max(axis=0)), axis=0)
     return bool(np.median(inside.mean(axis=0)[total > 0]) >= LEAST_COMMON)
+
+
+def reach_of(runs: Sequence[Run], path: Indices) -> float:
+    """How uncertain the links' torque is on a run's motion, learnt from other paths, as a multiple of on these.
+
+    Mean variance of the predicted torque over that on the states learnt from, every joint weighed by its torque: 1
+    where all move alike; the geometric mean over the runs. A matter of the motion alone, whatever is missing.
+    """
+    weight = 1.0 / np.maximum(np.concatenate([run.tau for run in runs]).std(axis=0), 1e-9)
+    rows = []
+    for run in runs:
+        some = np.flatnonzero(run.mask.any(axis=1))
+        some = some[np.linspace(0, len(some) - 1, min(STATES, len(some))).astype(int)]
+        torque = run.motion.robot.regressor(run.q[some], run.dq[some], run.ddq[some])
+        rows.append((torque * weight[:, None]).reshape(-1, torque.shape[-1]))
+    size = np.sqrt(np.mean(np.concatenate(rows) ** 2, axis=0))
+    seen = size > RANK * size.max()
+    rows = [own[:, seen] / size[seen] for own in rows]
+    reach = []
+    for k, own in enumerate(rows):
+        other = np.concatenate([r for r, p in zip(rows, path, strict=True) if p != path[k]])
+        _, singular, directions = np.linalg.svd(np.linalg.qr(other, mode="r"), full_matrices=False)
+        known = singular > RANK * singular[0]
+        variance = np.mean(np.sum((own @ directions[known].T / singular[known]) ** 2, axis=1))
+        reach.append(variance * len(other) / known.sum())
+    return float(np.exp(np.mean(np.log(reach))))
 
 
 def _slices(index: Indices) -> list[slice]:
