@@ -131,6 +131,14 @@ def test_a_clock_that_is_wrong_by_powers_of_ten_is_found(panda, factor):
     assert [(f.severity, f.code) for f in findings] == [("hard", "time_scale")]
 
 
+def test_a_wrong_clock_is_found_beside_friction_that_explains_a_joint_by_any_clock(panda):
+    strong = [Effect("coulomb_friction", (j,), {"coulomb_torque": 15.0}) for j in JOINTS]
+    slow = excitation(panda, strong, duration=40.0, rate=200.0)
+    tau = slow["tau"] * np.where(np.arange(7) == 6, 8.0, 1.0)
+    clock = Trajectory("run", "train", slow.time * 0.1, {"q": slow["q"], "tau": tau})
+    assert "time_scale" in [f[1] for f in told(panda, clock)]
+
+
 @pytest.mark.parametrize("joint", [3, 5])
 def test_one_joint_with_more_weight_and_no_more_inertia_is_no_clock(panda, joint):
     """One clock drives all joints: those that are explained as they stand speak against it."""

@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 from tests.small_arm import noisy_log
 
 from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, close_loop
 from hybrid_dynamics.loop.blocks import FARTHEST, FEW_PARTS, IN_TURN, folds_of, parts_of, reach_of, turns_of
 from hybrid_dynamics.loop.hold_out import hold_out
@@ -153,6 +154,10 @@ def test_runs_that_go_each_their_own_way_are_held_out_in_parts(panda):
     assert reach_of(cycle, paths_of(cycle)) > FARTHEST
     assert folds_of(cycle, LoopSettings()).number == FEW_PARTS
     assert reach(12, 4) < FARTHEST
+    # A run at rest says nothing either way.
+    still = replace(cycle[0], mask=np.zeros_like(cycle[0].mask))
+    assert reach_of([*cycle, still], np.arange(3)) == pytest.approx(reach_of(cycle, np.arange(2)))
+    assert reach_of([cycle[0], still], np.arange(2)) == 1.0
     # The same states in all: known as well as where it was learnt.
     same = [moves(1, 5), replace(moves(1, 5), name="again")]
     assert reach_of(same, np.array([0, 1])) == pytest.approx(1.0)
@@ -253,6 +258,19 @@ def test_an_end_at_which_the_arm_rests_is_left_out_of_its_only_log():
         kept, held, notes = split.train, split.test, split.notes
         assert (held or kept)[-1].time[-1] == run.time[-1]
         assert not any("rests" in note for note in notes)
+
+
+def test_a_log_at_rest_beside_another_and_one_of_a_few_samples():
+    from tests.small_arm import arm
+
+    one, test = noisy_log((), 1, "train", 0.01), noisy_log((), 3, "test", 0.01)
+    q = np.full_like(one["q"], 0.3)
+    noise = 0.01 * np.random.default_rng(0).normal(size=q.shape)
+    still = replace(one, name="still", signals={"q": q, "tau": arm().inverse_dynamics(q, 0 * q, 0 * q) + noise})
+    one, test = (replace(run, signals={s: run[s] for s in ("q", "tau")}) for run in (one, test))
+    with pytest.raises(InputError, match="run short: holds 4 samples"):
+        hold_out([replace(one.rows(slice(0, 4)), name="short")], [], LoopSettings())
+    assert close_loop(arm(), [one, still], [test]).diagnosis.verdict in ("nothing_missing", "explained")
 
 
 def test_what_a_repeated_motion_cannot_show_is_said():

@@ -28,7 +28,8 @@ SAME_MOUNTING = np.deg2rad(15.0)
 #: What a clock may be wrong by: true speed over recorded speed.
 PACES = (1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3)
 #: A joint speaks against another clock where it is explained by so much worse (natural logarithm of the mean square),
-#: or where its links would weigh this many times what they should, or less than one over it.
+#: or where its links, without which it is explained by so much worse, would weigh this many times what they should, or
+#: less than one over it.
 AGAINST, PLAUSIBLE = 0.3, 5.0
 #: Rows on which exchanged positions are tried, and the share a joint must leave unexplained before they are.
 SWAP_ROWS, UNEXPLAINED = 2000, 0.3
@@ -135,7 +136,11 @@ def _paced(forms: Forms, told: Guess, pace: float) -> Guess:
     for j, fit in enumerate(fits):
         own = forms.fit(j, told.gravity)
         sane, still = (1 / PLAUSIBLE <= f.coefficients[0] <= PLAUSIBLE for f in (own, fit))
-        if own.left < UNEXPLAINED and (fit.score - own.score > AGAINST or (sane and not still)):
+        if own.left >= UNEXPLAINED:
+            continue
+        bare = forms.fit(j, told.gravity, rotor=False, links=False)
+        weighs = sane and not still and bare.score - own.score > AGAINST
+        if weighs or fit.score - own.score > AGAINST:
             return replace(out, price=np.inf)
     return out
 

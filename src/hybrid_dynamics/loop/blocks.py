@@ -28,7 +28,9 @@ LEAST_COMMON = 0.5
 IN_TURN, LEAST_ROWS = 0.45, 10
 #: Runs are held out whole where the links' torque on them, learnt from the others, is at most this many times as
 #: uncertain as on those; else these few parts of each. States of a run that are looked at, and what counts as zero.
-FARTHEST, FEW_PARTS, STATES, RANK = 4.0, 3, 300, 1e-6
+FARTHEST, FEW_PARTS, STATES, UNKNOWN = 4.0, 3, 300, 1e-3
+#: Why runs are parted: there is one motion, no run could be predicted from others, or links' torque not; else whole.
+REPEATED, APART, FAR, WHOLE = "one motion", "apart", "far", "whole"
 #: Fewest blocks of time from which an uncertainty is taken, and the most that are kept.
 FEWEST_BLOCKS, MOST_BLOCKS = 24, 100
 
@@ -86,10 +88,10 @@ def folds_of(runs: Sequence[Run], settings: LoopSettings) -> Folds:
     Runs that repeat one motion are held out together; where all do, parts of that motion are.
     """
     owner, fold, bounds = [], [], []
-    path = paths_of(runs)
-    shared = _share_motion(runs, path)
-    single = not shared or reach_of(runs, path) > FARTHEST
-    folds = (min(FEW_PARTS, settings.time_folds) if shared else settings.time_folds) if single else int(path.max()) + 1
+    path, why = parted(runs)
+    single = why != WHOLE
+    parts = min(FEW_PARTS, settings.time_folds) if why == FAR else settings.time_folds
+    folds = parts if single else int(path.max()) + 1
     lengths = [float(run.time[-1] - run.time[0]) for run in runs]
     # Blocks are long against the filter's window; where a log is short, as short as that allows.
     wanted = max(settings.block, sum(lengths) / MOST_BLOCKS)
@@ -104,6 +106,17 @@ def folds_of(runs: Sequence[Run], settings: LoopSettings) -> Folds:
         owner += [r] * per_run
         fold.append(parts_of(run.mask, edges, folds) if single else np.full(per_run, path[r]))
     return Folds(Blocks(np.array(owner), tuple(bounds)), folds, np.concatenate(fold))
+
+
+def parted(runs: Sequence[Run]) -> tuple[Indices, str]:
+    """The path (R,) of every run, and why parts of them are held out: :data:`REPEATED`, :data:`APART` or :data:`FAR`;
+    :data:`WHOLE` where whole runs are."""
+    path = paths_of(runs)
+    if path.max() == 0:
+        return path, REPEATED
+    if not _share_motion(runs, path):
+        return path, APART
+    return path, FAR if reach_of(runs, path) > FARTHEST else WHOLE
 
 
 def turns_of(moving: NDArray[np.bool_], number: int) -> int:
@@ -184,23 +197,39 @@ def reach_of(runs: Sequence[Run], path: Indices) -> float:
     Mean variance of the predicted torque over that on the states learnt from, every joint weighed by its torque: 1
     where all move alike; the geometric mean over the runs. A matter of the motion alone, whatever is missing.
     """
-    weight = 1.0 / np.maximum(np.concatenate([run.tau for run in runs]).std(axis=0), 1e-9)
+    mask = np.concatenate([run.mask for run in runs])
+    torque = np.concatenate([run.tau for run in runs])
+    spread = np.array([np.std(own[some]) if some.any() else 0.0 for own, some in zip(torque.T, mask.T, strict=True)])
+    weight = np.where(spread > 0, 1.0 / np.where(spread > 0, spread, 1.0), 0.0)
+    seen = [k for k, run in enumerate(runs) if run.mask.any()]
+    if len({int(path[k]) for k in seen}) < 2:
+        return 1.0
     rows = []
-    for run in runs:
+    for run in (runs[k] for k in seen):
         some = np.flatnonzero(run.mask.any(axis=1))
         some = some[np.linspace(0, len(some) - 1, min(STATES, len(some))).astype(int)]
-        torque = run.motion.robot.regressor(run.q[some], run.dq[some], run.ddq[some])
-        rows.append((torque * weight[:, None]).reshape(-1, torque.shape[-1]))
-    size = np.sqrt(np.mean(np.concatenate(rows) ** 2, axis=0))
-    seen = size > RANK * size.max()
-    rows = [own[:, seen] / size[seen] for own in rows]
+        links = (
+            run.motion.robot.regressor(run.q[some], run.dq[some], run.ddq[some]) if len(some) else np.zeros((0, 1, 1))
+        )
+        counted = (weight * run.mask[some])[..., None] if len(some) else 1.0
+        rows.append((links * counted).reshape(-1, links.shape[-1]))
+    seen = [k for k, own in enumerate(rows) if len(own)]
+    if len({int(path[k]) for k in seen}) < 2:
+        return 1.0
+    size = np.sqrt(np.mean(np.concatenate([rows[k] for k in seen]) ** 2, axis=0))
+    rows = [rows[k] / np.where(size > 0, size, 1.0) for k in seen]
+    own_path = path[seen]
+    gram = np.array([own.T @ own for own in rows])
     reach = []
     for k, own in enumerate(rows):
-        other = np.concatenate([r for r, p in zip(rows, path, strict=True) if p != path[k]])
-        _, singular, directions = np.linalg.svd(np.linalg.qr(other, mode="r"), full_matrices=False)
-        known = singular > RANK * singular[0]
-        variance = np.mean(np.sum((own @ directions[known].T / singular[known]) ** 2, axis=1))
-        reach.append(variance * len(other) / known.sum())
+        others = own_path != own_path[k]
+        known, count = gram[others].sum(axis=0), sum(len(rows[i]) for i in np.flatnonzero(others))
+        values, directions = np.linalg.eigh(known)
+        # What the others know nothing of is uncertain by a finite amount: nothing hangs on an exact zero.
+        values = np.maximum(values, 0.0) + UNKNOWN**2 * values[-1]
+        variance = np.mean(np.sum((own @ directions) ** 2 / values, axis=1))
+        parameters = np.sum(np.diag(directions.T @ known @ directions) / values)
+        reach.append(variance * count / parameters)
     return float(np.exp(np.mean(np.log(reach))))
 
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.blocks import passed_of
 from hybrid_dynamics.loop.process import least_rows
 from hybrid_dynamics.loop.settings import LoopSettings
@@ -20,6 +21,8 @@ APART = 0.05
 PIECE = 0.1
 #: Largest share of what would be held out that is left out as a gap, and in which the arm may rest at the end.
 MOST_GAP, MOST_REST = 0.3, 0.5
+#: Samples that tell nothing of any motion.
+FEWEST_SAMPLES = 10
 #: Rest [s] that is kept after the last motion.
 REST = 0.5
 
@@ -40,6 +43,9 @@ def hold_out(train: Sequence[Trajectory], test: Sequence[Trajectory], settings: 
     Without ``test`` it is the last ``settings.held_out_share`` of every training run after a gap; where a joint moves
     in that part alone, of each joint's motion. An end at which the arm rests proves nothing and is left out.
     """
+    for run in (*train, *test):
+        if len(run.time) < FEWEST_SAMPLES:
+            raise InputError(f"run {run.name}: holds {len(run.time)} samples; expected a run of some seconds")
     notes: list[str] = []
     learned = [(run, float(run.time[0])) for run in train]
     held = [(run, float(run.time[0])) for run in test]

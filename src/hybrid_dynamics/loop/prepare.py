@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop.blocks import FARTHEST, reach_of
+from hybrid_dynamics.loop.blocks import FAR, REPEATED, parted
 from hybrid_dynamics.loop.contact import without_contacts
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
@@ -99,7 +99,7 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
             run.mask[:, joint] = False
     logs = Logs(runs, tests, moving, np.where(np.isinf(step), 0.0, step), notes)
     notes += _told_untested(robot, logs, bool(test), settings)
-    notes += _told_repeated(logs, bool(test), settings)
+    notes += _told_repeated(logs, len(train), bool(test), settings)
     return logs
 
 
@@ -123,21 +123,22 @@ def _told_untested(robot: Robot, logs: Logs, given: bool, settings: LoopSettings
     return [told] if names else []
 
 
-def _told_repeated(logs: Logs, given: bool, settings: LoopSettings) -> list[str]:
+def _told_repeated(logs: Logs, logs_given: int, given: bool, settings: LoopSettings) -> list[str]:
     """Lines for runs that repeat one motion, validated, or tested (where test runs are ``given``), on that alone; and
     for runs that have too little in common."""
-    learned, held_out = np.split(paths_of([*logs.train, *logs.test]), [len(logs.train)])
+    why = parted(logs.train)[1] if logs_given > 1 else ""
     told = []
-    if len(learned) > 1 and np.all(learned == learned[0]):
+    if why == REPEATED:
         told.append(
             f"the training runs repeat one motion: candidates are validated on {settings.time_folds} parts of it in "
             "turn; what is particular to this motion cannot be told from what belongs to the robot"
         )
-    elif len(learned) > 1 and reach_of(logs.train, learned) > FARTHEST:
+    elif why == FAR:
         told.append(
             "the training runs move each its own way, too little to tell the links' torque on one from the others: "
             "candidates are validated on parts of every run; record longer runs, through more of the joints' ranges"
         )
+    learned, held_out = np.split(paths_of([*logs.train, *logs.test]), [len(logs.train)])
     again = [run.name for run, path in zip(logs.test, held_out, strict=True) if path in learned]
     if given and again:
         told.append(
