@@ -259,7 +259,10 @@ def test_test_runs_that_stand_prove_nothing() -> None:
     with pytest.raises(InputError, match=r"no joint moves faster than 0\.02 rad/s on 20 samples of the test runs"):
         close_loop(arm(), train, [run("c", 3, "test", moves=(1e-3, 1e-3))], SETTINGS)
     late = run("d", 4)
-    rest = late.with_signals(q=np.where((late.time < 4.0)[:, None], late["q"], late["q"][int(4.0 * RATE)]))
+    q = np.where((late.time < 4.0)[:, None], late["q"], late["q"][int(4.0 * RATE)])
+    # A twitch at the end is no motion to prove anything on, but it is no rest that could be cut off, either.
+    q[-10:] += 0.01
+    rest = late.with_signals(q=q)
     with pytest.raises(InputError, match="cut off the end at which the robot rests"):
         close_loop(arm(), [rest], [], SETTINGS)
     # A jog on which nothing can be measured is no motion either, whatever the torque.
