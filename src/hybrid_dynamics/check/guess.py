@@ -135,12 +135,12 @@ def _paced(forms: Forms, told: Guess, pace: float) -> Guess:
     out = replace(told, pace=pace, scores=tuple(fit.score for fit in fits), price=PACE)
     for j, fit in enumerate(fits):
         own = forms.fit(j, told.gravity)
-        sane, still = (1 / PLAUSIBLE <= f.coefficients[0] <= PLAUSIBLE for f in (own, fit))
         if own.left >= UNEXPLAINED:
             continue
-        bare = forms.fit(j, told.gravity, rotor=False, links=False)
-        weighs = sane and not still and bare.score - own.score > AGAINST
-        if weighs or fit.score - own.score > AGAINST:
+        sane, still = (1 / PLAUSIBLE <= f.coefficients[0] <= PLAUSIBLE for f in (own, fit))
+        # Without what links weigh by this clock, or with what they do by the other.
+        against = forms.fit(j, told.gravity, rotor=False, links=False) if sane and not still else fit
+        if max(against.score, fit.score) - own.score > AGAINST:
             return replace(out, price=np.inf)
     return out
 

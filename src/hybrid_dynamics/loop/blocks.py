@@ -27,7 +27,8 @@ LEAST_COMMON = 0.5
 #: With fewer rows than these for every part nothing is gained by parts of its motion.
 IN_TURN, LEAST_ROWS = 0.45, 10
 #: Runs are held out whole where the links' torque on them, learnt from the others, is at most this many times as
-#: uncertain as on those; else these few parts of each. States of a run that are looked at, and what counts as zero.
+#: uncertain as on those; else these few parts of each. States of a run that are looked at, and the least that is
+#: taken to be known of what no other run shows, as a share of what is known best.
 FARTHEST, FEW_PARTS, STATES, UNKNOWN = 4.0, 3, 300, 1e-3
 #: Why runs are parted: there is one motion, no run could be predicted from others, or links' torque not; else whole.
 REPEATED, APART, FAR, WHOLE = "one motion", "apart", "far", "whole"
@@ -208,28 +209,25 @@ def reach_of(runs: Sequence[Run], path: Indices) -> float:
     for run in (runs[k] for k in seen):
         some = np.flatnonzero(run.mask.any(axis=1))
         some = some[np.linspace(0, len(some) - 1, min(STATES, len(some))).astype(int)]
-        links = (
-            run.motion.robot.regressor(run.q[some], run.dq[some], run.ddq[some]) if len(some) else np.zeros((0, 1, 1))
-        )
-        counted = (weight * run.mask[some])[..., None] if len(some) else 1.0
-        rows.append((links * counted).reshape(-1, links.shape[-1]))
-    seen = [k for k, own in enumerate(rows) if len(own)]
-    if len({int(path[k]) for k in seen}) < 2:
-        return 1.0
-    size = np.sqrt(np.mean(np.concatenate([rows[k] for k in seen]) ** 2, axis=0))
-    rows = [rows[k] / np.where(size > 0, size, 1.0) for k in seen]
-    own_path = path[seen]
-    gram = np.array([own.T @ own for own in rows])
+        links = run.motion.robot.regressor(run.q[some], run.dq[some], run.ddq[some])
+        rows.append((links * (weight * run.mask[some])[..., None]).reshape(-1, links.shape[-1]))
+    size = np.sqrt(np.mean(np.concatenate(rows) ** 2, axis=0))
+    by_path: dict[int, list[Array]] = {}
+    for k, own in zip(seen, rows, strict=True):
+        by_path.setdefault(int(path[k]), []).append(own / np.where(size > 0, size, 1.0))
+    gram = {p: np.sum([own.T @ own for own in runs_of], axis=0) for p, runs_of in by_path.items()}
+    count = {p: sum(map(len, runs_of)) for p, runs_of in by_path.items()}
+    every, total = np.sum(list(gram.values()), axis=0), sum(count.values())
     reach = []
-    for k, own in enumerate(rows):
-        others = own_path != own_path[k]
-        known, count = gram[others].sum(axis=0), sum(len(rows[i]) for i in np.flatnonzero(others))
+    for p, runs_of in by_path.items():
+        known = every - gram[p]
         values, directions = np.linalg.eigh(known)
         # What the others know nothing of is uncertain by a finite amount: nothing hangs on an exact zero.
         values = np.maximum(values, 0.0) + UNKNOWN**2 * values[-1]
-        variance = np.mean(np.sum((own @ directions) ** 2 / values, axis=1))
         parameters = np.sum(np.diag(directions.T @ known @ directions) / values)
-        reach.append(variance * count / parameters)
+        for own in runs_of:
+            variance = np.mean(np.sum((own @ directions) ** 2 / values, axis=1))
+            reach.append(variance * (total - count[p]) / parameters)
     return float(np.exp(np.mean(np.log(reach))))
 
 

@@ -29,11 +29,10 @@ REST = 0.5
 
 @dataclass(frozen=True)
 class Split:
-    """Runs ``train`` and ``test``, when [s] the logs that they are pieces of ``began``, and what is to be said."""
+    """Runs ``train`` and ``test``, each with when [s] the log that it is a piece of began, and what is to be said."""
 
-    train: list[Trajectory]
-    test: list[Trajectory]
-    began: tuple[list[float], list[float]]
+    train: list[tuple[Trajectory, float]]
+    test: list[tuple[Trajectory, float]]
     notes: list[str]
 
 
@@ -67,8 +66,7 @@ def hold_out(train: Sequence[Trajectory], test: Sequence[Trajectory], settings: 
             f"one training run only: candidates are validated on {settings.time_folds} parts of it in turn; what is "
             "particular to this run cannot be told from what belongs to the robot"
         )
-    clocks = [began for _, began in learned], [began for _, began in held]
-    return Split([run for run, _ in learned], [run for run, _ in held], clocks, notes)
+    return Split(learned, held, notes)
 
 
 def _until_it_rests(run: Trajectory, settings: LoopSettings, notes: list[str]) -> Trajectory:

@@ -77,10 +77,8 @@ class Logs:
 def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajectory], settings: LoopSettings) -> Logs:
     """Process all runs; without test runs the last part of every training run is held out."""
     split = hold_out(train, test, settings)
-    runs, tests = (
-        [process(t, robot, settings.process, began) for t, began in zip(pieces, clocks, strict=True)]
-        for pieces, clocks in zip((split.train, split.test), split.began, strict=True)
-    )
+    runs = [process(t, robot, settings.process, began) for t, began in split.train]
+    tests = [process(t, robot, settings.process, began) for t, began in split.test]
     notes = split.notes
     moving = moving_joints(runs, settings.process)
     if not moving.any():
@@ -88,7 +86,7 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
             f"no joint moves more than {settings.process.moving_range} rad in the training runs; expected logs of a "
             "robot in motion"
         )
-    step = torque_step(split.train)
+    step = torque_step([t for t, _ in split.train])
     for joint in np.flatnonzero(moving & np.isinf(step)):
         notes.append(
             f"the torque of {robot.joint_names[joint]} never changes in the training runs: nothing is said of this "
@@ -138,9 +136,10 @@ def _told_repeated(logs: Logs, logs_given: int, given: bool, settings: LoopSetti
             "the training runs move each its own way, too little to tell the links' torque on one from the others: "
             "candidates are validated on parts of every run; record longer runs, through more of the joints' ranges"
         )
+    if not given:
+        return told
     learned, held_out = np.split(paths_of([*logs.train, *logs.test]), [len(logs.train)])
-    again = [run.name for run, path in zip(logs.test, held_out, strict=True) if path in learned]
-    if given and again:
+    if again := [run.name for run, path in zip(logs.test, held_out, strict=True) if path in learned]:
         told.append(
             f"{', '.join(again)}: repeats the motion of a training run; whether the result carries over to other "
             "motions is not shown by it"

@@ -178,10 +178,10 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings, beg
         if filtered is None:
             # Shift so that the first kept output is the one centred on sample `edge`.
             shift = (2 * edge) % keep
-            begin = (2 * edge) // keep
+            start = (2 * edge) // keep
             padded = np.concatenate([np.zeros(((keep - shift) % keep, *x.shape[1:])), x]) if shift else x
-            begin += 1 if shift else 0
-            return np.asarray(upfirdn(coarse, padded, up=1, down=keep, axis=0))[begin : begin + rows]
+            start += 1 if shift else 0
+            return np.asarray(upfirdn(coarse, padded, up=1, down=keep, axis=0))[start : start + rows]
         return np.asarray(filtered)[2 * edge : 2 * edge + rows]
 
     torque = np.asarray(upfirdn(kernel, trajectory["tau"], axis=0))[half : half + len(q)]
