@@ -136,3 +136,28 @@ def test_less_viscous_friction_must_not_let_the_curve_of_the_starting_model_driv
     # 3 - 2 = 1 N m s/rad is left at 2 rad/s: so much, and not the 3 of the viscous term, may go.
     assert found.satisfied(np.array([-0.99]))
     assert not found.satisfied(np.array([-1.01]))
+
+
+@pytest.mark.parametrize("of", ["coulomb", "viscous"])
+def test_friction_that_becomes_less_as_a_joint_warms_up_stays_friction(panda, of):
+    drift = Term("drift", 1, (("of", of), ("time_constant", 30.0)))
+    terms = [Term("coulomb_friction", 1), Term("viscous_friction", 1), drift]
+    limits = physical_constraints(terms, [0, 1, 2], 3, {}, panda, np.full(7, 2.0))
+    # With 1.5 N m and 2 N m s/rad at most all of the friction goes in the end: of dry friction where the joint is
+    # slowest (1.5 + 2 x 0.2 N m), of viscous friction where it is fastest (1.5 / 2 + 2 N m s/rad).
+    at = {"coulomb": 1.9, "viscous": 2.75}[of] / 30
+    assert limits.satisfied(np.array([1.5, 2.0, -0.99 * at]))
+    assert not limits.satisfied(np.array([1.5, 2.0, -1.01 * at]))
+    # Friction that grows is friction; an offset may drift where it likes; another joint's friction is no help.
+    assert limits.satisfied(np.array([1.5, 2.0, 5.0]))
+    offset = Term("drift", 1, (("of", "offset"), ("time_constant", 30.0)))
+    free = physical_constraints([terms[0], offset], [0, 1], 2, {}, panda, np.full(7, 2.0))
+    assert free.satisfied(np.array([0.0, -5.0]))
+    alone = physical_constraints([Term("coulomb_friction", 2), drift], [0, 1], 2, {}, panda, np.full(7, 2.0))
+    assert not alone.satisfied(np.array([9.0, -1e-3]))
+    # What the starting model has already counts.
+    on_top = physical_constraints(
+        [drift], [0], 1, {terms[0]: np.array([1.5]), terms[1]: np.array([2.0])}, panda, np.full(7, 2.0)
+    )
+    assert on_top.satisfied(np.array([-0.99 * at]))
+    assert not on_top.satisfied(np.array([-1.01 * at]))

@@ -267,6 +267,10 @@ class Family(Law):
         """Order of magnitude (p,) beyond which a coordinate is implausible; only regularises what data leaves open."""
         return np.full(self.size if term is None else term.size, 1e6)
 
+    def opposes_motion(self, term: Term) -> bool:
+        """True where ``term`` is friction: it may take energy, never give it."""
+        return self.is_friction
+
     def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
         """Bodies that must stay physical: first of ten coordinates, and the inertia (10,) they are added to."""
         return []

@@ -21,6 +21,7 @@ from hybrid_dynamics.types import Array
 class CoulombFriction(Family):
     name = "coulomb_friction"
     scope = "joint"
+    is_friction = True
     known_settings = (WIDTH, SIGN_DISPLACEMENT)
     everywhere = True
     equation = r"\tau = F_c\,\operatorname{sign}(\dot q),\quad F_c \ge 0"

@@ -63,6 +63,10 @@ class Declared:
     changes_reading: ClassVar[bool] = False
     #: Powers of the speed, one for each coordinate, where the effect is a viscous torque x |dq|^power sign(dq).
     viscous_powers: ClassVar[tuple[int, ...]] = ()
+    #: True where the torque opposes the joint's motion: it may take energy, never give it.
+    is_friction: ClassVar[bool] = False
+    #: True where the torque follows the time since the run began: its friction must be friction however late.
+    follows_time: ClassVar[bool] = False
     #: True where the torque follows sign(dq); how that turns over is a setting (see ``effects/sign.py``).
     turns_sign: ClassVar[bool] = False
     #: True where the coordinates lie on a surface (:meth:`.Family.surface`).

@@ -1,7 +1,8 @@
 """Friction or an offset that changes over the run (warm-up): tau = r T (1 - exp(-t/T)) g.
 
 t is the time since the run began, T the time constant (refined), r the rate at the beginning; setting ``of`` says what
-changes: ``offset`` g = 1, ``coulomb`` g = sign(dq), ``viscous`` g = dq (the rate is then in N m/rad).
+changes: ``offset`` g = 1, ``coulomb`` g = sign(dq), ``viscous`` g = dq (the rate is then in N m/rad). Friction that
+becomes less stays friction: r T, what has gone in the end, is at most what the joint has.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ _START = 30.0
 class Drift(Family):
     name = "drift"
     scope = "joint"
+    follows_time = True
     known_settings = (OF, WIDTH)
     equation = r"\tau = r\,T\,(1 - e^{-t/T})\,g,\quad g \in \{1,\ \operatorname{sign}(\dot q),\ \dot q\}"
     parameters = (Parameter("rate", "N m/s"), Parameter(CONSTANT, "s"))
@@ -53,6 +55,9 @@ class Drift(Family):
 
     def place(self, term: Term) -> tuple[Any, ...]:
         return (term.effect, term.joint, term.options[OF])
+
+    def opposes_motion(self, term: Term) -> bool:
+        return bool(term.options[OF] != OFFSET)
 
     def unit(self, key: str, settings: Mapping[str, Any]) -> str:
         return "s" if key == CONSTANT else "N m/rad" if settings.get(OF) == VISCOUS else "N m/s"

@@ -25,6 +25,7 @@ _GRID = (4e-3, 2e-2, 1e-1)
 class HysteresisFriction(Family):
     name = "hysteresis_friction"
     scope = "joint"
+    is_friction = True
     equation = r"\tau = K z,\quad \dot z = \dot q - |\dot q|\,z\,K / F_c"
     parameters = (Parameter("presliding_stiffness", "N m/rad"), Parameter("coulomb_torque", "N m"))
     size = 1

@@ -22,6 +22,7 @@ from hybrid_dynamics.types import Array
 class LoadDependentFriction(Family):
     name = "load_dependent_friction"
     scope = "joint"
+    is_friction = True
     known_settings = (WIDTH, SIGN_DISPLACEMENT)
     equation = r"\tau = \mu\,|\tau_\text{load}|\operatorname{sign}(\dot q),\quad \mu \ge 0"
     parameters = (Parameter("load_coefficient", "1"),)

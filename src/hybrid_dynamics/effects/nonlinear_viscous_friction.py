@@ -22,6 +22,7 @@ from hybrid_dynamics.types import Array
 class NonlinearViscousFriction(Family):
     name = "nonlinear_viscous_friction"
     scope = "joint"
+    is_friction = True
     equation = (
         r"\tau = F_2\,\dot q\,|\dot q| + F_3\,\dot q^3,"
         r"\quad F_v + F_2 v + F_3 v^2 \ge 0 \text{ at all speeds } v \text{ seen}"

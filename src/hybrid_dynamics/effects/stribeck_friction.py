@@ -28,6 +28,7 @@ _HIDES = 0.02
 class StribeckFriction(Family):
     name = "stribeck_friction"
     scope = "joint"
+    is_friction = True
     known_settings = (WIDTH, SIGN_DISPLACEMENT)
     equation = (
         r"\tau = \left(F_c + (F_s - F_c)\,e^{-(\dot q / v_s)^2}\right)\operatorname{sign}(\dot q),"

@@ -17,6 +17,7 @@ from hybrid_dynamics.types import Array
 class ViscousFriction(Family):
     name = "viscous_friction"
     scope = "joint"
+    is_friction = True
     everywhere = True
     equation = r"\tau = F_v\,\dot q,\quad F_v \ge 0"
     parameters = (Parameter("viscous_coefficient", "N m s/rad"),)

@@ -361,15 +361,17 @@ class Evidence:
         x = self.fit(terms, physical=False)
         return not constraints.satisfied(np.maximum(x, constraints.lower))
 
-    def held_out_all_rows(self, terms: Sequence[Term], joint: int) -> float:
-        """Held-out squared residual sum [N m]^2 of ``joint`` over all rows, standing ones too; fits see moving ones."""
-        total = 0.0
+    def held_out_on(self, terms: Sequence[Term], joint: int, rows: Sequence[Sequence[NDArray[np.bool_]]]) -> Array:
+        """Held-out squared residual sums [N m]^2 of ``joint`` over each of ``rows``, (K,) of every run: also those that
+        fits do not see, where it stands."""
+        total = np.zeros(len(rows))
         self._ready(self.layout(terms).following)
         for f in range(self.folds.number):
             torque = self.linear(terms, self.fit(terms, [gram[f] for gram in self.sums.others]))
             for b in self.folds.own[f]:
                 r, (low, high) = self.blocks.run[b], self.blocks.rows[b]
-                total += float(np.sum((self.target[r][low:high, joint] - torque[r][low:high, joint]) ** 2))
+                square = (self.target[r][low:high, joint] - torque[r][low:high, joint]) ** 2
+                total += [float(np.sum(square[part[r][low:high]])) for part in rows]
         return total
 
     def covariance(self, terms: Sequence[Term], x: Array) -> Array:

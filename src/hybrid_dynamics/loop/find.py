@@ -36,7 +36,8 @@ from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
 from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
-from hybrid_dynamics.loop.search import Step, choose_signs, search
+from hybrid_dynamics.loop.search import Step, search
+from hybrid_dynamics.loop.signs import choose_signs
 from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.loop.trace import LEFT, Judge, same_place

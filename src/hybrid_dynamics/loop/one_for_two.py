@@ -12,18 +12,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.sign import AT_REST, MIDDLE
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.search import take
+from hybrid_dynamics.loop.standing import rests
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.types import Array
-
-#: A joint rests where it stays slow for so long [s]; so much at both ends is braking and starting.
-RESTS, ENDS = 0.4, 0.1
 
 
 def one_for_two(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -76,7 +73,7 @@ def _at_rest(judge: Judge, terms: Sequence[Term], own: Sequence[Term]) -> bool |
     means = [
         float(residual[rows, joint].mean())
         for run, residual in zip(evidence.runs, left, strict=True)
-        for rows in _rests(run.time, np.abs(run.dq[:, joint]) < judge.settings.process.slow_speed)
+        for rows in rests(run.time, np.abs(run.dq[:, joint]) < judge.settings.process.slow_speed)
     ]
     if len(means) < 2 or offset == 0.0:
         return None
@@ -90,17 +87,6 @@ def _constant(evidence: Evidence, term: Term, x: Array) -> float:
     """The constant torque [N m] that coordinates ``x`` (p,) of ``term`` make while its joint moves."""
     kind = term.family()
     return kind.in_descriptions(kind.parameters_of(x, evidence.robot, term), term.options).get("offset", 0.0)
-
-
-def _rests(time: Array, slow: NDArray[np.bool_]) -> list[slice]:
-    """Rows within each stretch of ``slow`` (K,) that lasts :data:`RESTS`, without its :data:`ENDS`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(int)))
-    out = []
-    for first, end in edges.reshape(-1, 2):
-        if time[end - 1] - time[first] >= RESTS:
-            low, high = np.searchsorted(time, (time[first] + ENDS, time[end - 1] - ENDS))
-            out.append(slice(int(low), int(high)))
-    return out
 
 
 def _instead(judge: Judge, own: Sequence[Term]) -> list[tuple[Term, list[Term]]]:

@@ -1,4 +1,9 @@
-"""What physics demands of coordinates: bounds, bodies that can exist, viscous torques that oppose the motion."""
+"""What physics demands of coordinates: bounds, bodies that can exist, friction that opposes the motion, however late.
+
+Friction takes energy (the second law). Of one effect its bounds see to that; a viscous curve may bend down only as far
+as the joint's other viscous terms carry it, and friction that becomes less as the joint warms up ends above zero: what
+grows without end over the time of a short log would drive the joint in a longer one.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +12,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.state import State
 from hybrid_dynamics.loop.solve import Constraints
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
-#: Shares of a joint's fastest speed at which its viscous terms together must oppose the motion.
+#: Shares of a joint's fastest speed at which its viscous terms, or all its friction once warm, must oppose the motion.
 _SPEEDS = np.linspace(0.1, 1.0, 10)
 
 
@@ -40,9 +47,41 @@ def physical_constraints(
                     row[start : start + term.family().size] = _per_speed(term, speed)
             rows.append(row)
             least.append(-sum(float(_per_speed(s, speed) @ x) for s, x in own if s.joint == j))
+    friction = [(s, start) for s, start in zip(terms, starts, strict=True) if _is_lasting(s)]
+    given = [(s, x) for s, x in base.items() if _is_lasting(s)]
+    for j in sorted(
+        {s.index for s, _ in [*friction, *given] if s.family().follows_time} & {s.joint for s, _ in friction}
+    ):
+        for speed in np.concatenate([-_SPEEDS, _SPEEDS]) * fastest[j]:
+            row = np.zeros(total)
+            for term, start in friction:
+                if term.joint == j:
+                    row[start : start + term.size] = _brakes(term, robot, speed)
+            rows.append(row)
+            least.append(-sum(float(_brakes(s, robot, speed) @ x) for s, x in given if s.joint == j))
     return Constraints(lower, tuple(bodies), np.array(rows).reshape(len(least), total), np.array(least))
 
 
 def _per_speed(term: Term, speed: float) -> Array:
     """Viscous torque at ``speed`` [rad/s], divided by it, of one unit of each coordinate of ``term``."""
     return np.array([speed ** (power - 1) for power in term.family().viscous_powers])
+
+
+def _is_lasting(term: Term) -> bool:
+    """True for friction that acts in every run."""
+    return term.family().opposes_motion(term) and ONLY_RUN not in term.options
+
+
+def _brakes(term: Term, robot: Robot, speed: float) -> Array:
+    """Torque against a motion at ``speed`` [rad/s], without load and long after the beginning, of one unit of each
+    coordinate of ``term``."""
+    kind, own = term.family(), term.index
+    at = State(
+        q={own: np.zeros(1)},
+        dq={own: np.array([speed])},
+        load={own: np.zeros(1)},
+        joint=own,
+        time=np.array([np.inf]),
+    )
+    units = [kind.at_term(term, unit, robot) for unit in np.eye(term.size)]
+    return np.array([np.sign(speed) * float(np.ravel(kind.law(np, at, *unit))[0]) for unit in units])

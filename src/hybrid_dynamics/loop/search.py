@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
-from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_sign
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
 from hybrid_dynamics.loop.pairs import pair_on_a_joint
@@ -163,36 +162,6 @@ def better_settings(judge: Judge, current: Sequence[Term], candidates: Sequence[
                 if value < score:
                     best, score = trial, value
     return best
-
-
-def choose_signs(judge: Judge, current: Sequence[Term]) -> tuple[Judge, list[Term]]:
-    """Friction whose sign turns over, joint by joint, as predicts standing rows best, where moving rows leave it open.
-
-    What a joint does below the slow speed has no say in what is named; but of two settings that are as good above it
-    the one is kept that is also right below. Friction of the starting model stays as it is.
-    """
-    turning = [s for s in current if s.family().turns_sign and not judge.evidence.in_base(s)]
-    further = displacement_settings(judge.settings.sign_displacements)
-    judge = judge.adding([replace(s, settings=with_sign(s.settings, way)) for s in turning for way in further])
-    judge, best = judge.at(current), list(current)
-    evidence = judge.evidence
-    ways = sorted({sign_part(s.settings) for s in evidence.terms if s.family().turns_sign})
-    for joint in sorted({s.index for s in turning}):
-        own = [i for i, s in enumerate(best) if s.joint == joint and s in turning]
-        reference = evidence.held(best)
-        error = evidence.held_out_all_rows(best, joint)
-        start = list(best)
-        for way in ways:
-            trial = [replace(s, settings=with_sign(s.settings, way)) if i in own else s for i, s in enumerate(start)]
-            if trial == start or not all(evidence.has(s) for s in trial):
-                continue
-            loss = judge.gain(reference, evidence.held(trial))
-            if loss.surer_than(1.0) and np.any(loss.per_joint > judge.settings.floor_share * judge.floor**2):
-                continue
-            value = evidence.held_out_all_rows(trial, joint)
-            if value < error:
-                best, error = trial, value
-    return judge, best
 
 
 def _useless(judge: Judge, current: Sequence[Term], stays: Collection[Term]) -> Term | None:

@@ -24,6 +24,8 @@ from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.types import Array
 
 Mask = NDArray[np.bool_]
+#: A joint rests where it stays slow for so long [s]; so much at both ends is braking and starting.
+RESTS, ENDS = 0.4, 0.1
 #: Friction holds up to so many times what it brakes with at slow speed: the torque at which a joint breaks away.
 BREAKS_AWAY = 2.0
 #: Noise reaches so many times its rms, and now and then farther.
@@ -167,3 +169,14 @@ def _usual(parts: Sequence[Left]) -> Array:
         own = np.concatenate([left[keep[:, j], j] for _, left, keep in parts])
         out.append(float(np.median(np.abs(own))) / MEDIAN if len(own) else 0.0)
     return np.array(out)
+
+
+def rests(time: Array, slow: NDArray[np.bool_]) -> list[slice]:
+    """Rows within each stretch of ``slow`` (K,) that lasts :data:`RESTS`, without its :data:`ENDS`."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(int)))
+    out = []
+    for first, end in edges.reshape(-1, 2):
+        if time[end - 1] - time[first] >= RESTS:
+            low, high = np.searchsorted(time, (time[first] + ENDS, time[end - 1] - ENDS))
+            out.append(slice(int(low), int(high)))
+    return out
