@@ -15,6 +15,7 @@ from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.export.source import Source
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop, prune
+from hybrid_dynamics.loop import beside as beside_module
 from hybrid_dynamics.loop import find as find_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links, beside_names
@@ -186,6 +187,27 @@ def test_where_nothing_is_missed_or_nothing_is_named_nothing_is_estimated() -> N
     assert unsure([DRY], named)[1] == []
     assert unsure([DRY, VISCOUS], [*named, VISCOUS.term(ROBOT)])[1] == []
     assert unsure([VISCOUS], [])[1] == []
+
+
+def test_beside_all_links_everything_plain_is_in_where_something_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Least squares has it on every joint; left out, the links take it up, and other motions are predicted wrongly."""
+    monkeypatch.setattr(beside_module, "_missed", lambda *_: False)
+    heavier = links(0.1)
+    named = [heavier.term(ROBOT)]
+    hidden = [heavier, DRY, VISCOUS]
+    _, found = unsure(hidden, named)
+    assert {(t.effect, t.joint) for t in found} >= {("coulomb_friction", 1), ("viscous_friction", 1), ("armature", 1)}
+    assert all(HELD in t.options for t in found)
+    # What has a name already does not come twice; where nothing is left nothing comes.
+    joint = DRY.term(ROBOT).joint
+    again = unsure(hidden, [*named, DRY.term(ROBOT)])[1]
+    assert ("coulomb_friction", joint) not in {(t.effect, t.joint) for t in again}
+    assert ("coulomb_friction", joint) in {(t.effect, t.joint) for t in found}
+    assert unsure([heavier], named)[1] == []
+    # Controls: beside single causes each is asked for; and held-out rows have the last word.
+    assert unsure([DRY, VISCOUS], [DRY.term(ROBOT)])[1] == []
+    monkeypatch.setattr(Judge, "as_good", lambda *_: False)
+    assert unsure(hidden, named)[1] == []
 
 
 def test_what_was_let_go_of_comes_back_together_where_it_is_missed() -> None:

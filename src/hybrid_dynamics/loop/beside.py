@@ -6,7 +6,8 @@ links, and other poses are predicted wrongly; least squares, which fits both, sh
 the data cannot tell from weight is no finding, and is held near zero (ridge regression: Hoerl and Kennard 1970).
 
 A few seconds show a little of the friction of every joint, and none of it as surely as a name asks for. A name that is
-wrong is worse than none; a prediction without friction is worse than one with a guess of it.
+wrong is worse than none; a prediction without friction is worse than one with a guess of it: where all links are
+identified, whose own guesses it would end in, everything that every arm has is estimated.
 """
 
 from __future__ import annotations
@@ -47,7 +48,9 @@ def beside_names(
     on which something is left to find; and the judge who has their columns. None where nothing is named.
 
     What a search had found and was too ``unsure`` to be kept comes back where all of it together is missed: one by one
-    each can stand for another. Then every joint by itself, the best first, each by the rule by which a search takes it.
+    each can stand for another. Beside all links, which take up what is left out, the rest of it comes in, as least
+    squares has it on every joint, unless held-out rows speak against it. Else every joint by itself, the best first,
+    each by the rule by which a search takes it.
     """
     current = list(model)
     if not current:
@@ -57,6 +60,9 @@ def beside_names(
     judge, group = _held(judge, [t for t in unsure if left[t.index] and not _makes(current, t.effect, t.index)])
     if len(group) > 1 and _missed(judge, current, group):
         current += group
+    if wanted(current):
+        judge, rest = _as_on_every_arm(judge, current, plain)
+        return judge, [*current, *rest][len(model) :]
     for joint in np.flatnonzero(judge.above_floor(judge.evidence.held(current, physical=True))):
         missing = [t for t in plain if t.joint == joint and not has_family(current, t.effect, int(joint))]
         judge, free = _held(judge, missing)
@@ -67,6 +73,15 @@ def beside_names(
             current.append(best)
             free.remove(best)
     return judge, current[len(model) :]
+
+
+def _as_on_every_arm(judge: Judge, current: Sequence[Term], plain: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """What of ``plain`` is missing in ``current`` on joints on which something is left to find, all or nothing."""
+    before = judge.evidence.held(list(current), physical=True)
+    left = judge.above_floor(before)
+    judge, rest = _held(judge, [t for t in plain if left[t.index] and not _makes(current, t.effect, t.index)])
+    good = judge.as_good(judge.evidence.held([*current, *rest], physical=True), before)
+    return judge, rest if good else []
 
 
 def _missed(judge: Judge, current: Sequence[Term], group: Sequence[Term]) -> bool:
