@@ -76,12 +76,21 @@ def beside_names(
 
 
 def _as_on_every_arm(judge: Judge, current: Sequence[Term], plain: Sequence[Term]) -> tuple[Judge, list[Term]]:
-    """What of ``plain`` is missing in ``current`` on joints on which something is left to find, all or nothing."""
-    before = judge.evidence.held(list(current), physical=True)
-    left = judge.above_floor(before)
-    judge, rest = _held(judge, [t for t in plain if left[t.index] and not _makes(current, t.effect, t.index)])
-    good = judge.as_good(judge.evidence.held([*current, *rest], physical=True), before)
-    return judge, rest if good else []
+    """What of ``plain`` is missing in ``current`` on joints on which something is left to find: a joint's together, or
+    what of it held-out rows do not speak against."""
+    held = judge.evidence.held(list(current), physical=True)
+    left = judge.above_floor(held)
+    judge, missing = _held(judge, [t for t in plain if left[t.index] and not _makes(current, t.effect, t.index)])
+    out: list[Term] = []
+    for joint in sorted({t.index for t in missing}):
+        own = [t for t in missing if t.index == joint]
+        for group in (own, *([t] for t in own if len(own) > 1)):
+            trial = judge.evidence.held([*current, *out, *group], physical=True)
+            if judge.as_good(trial, held):
+                out, held = [*out, *group], trial
+                if group is own:
+                    break
+    return judge, out
 
 
 def _missed(judge: Judge, current: Sequence[Term], group: Sequence[Term]) -> bool:
