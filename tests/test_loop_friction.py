@@ -161,3 +161,24 @@ def test_friction_that_becomes_less_as_a_joint_warms_up_stays_friction(panda, of
     )
     assert on_top.satisfied(np.array([-0.99 * at]))
     assert not on_top.satisfied(np.array([-1.01 * at]))
+
+
+def test_a_starting_model_that_drives_at_other_speeds_is_not_made_worse(panda):
+    # It was made at 2 rad/s: what goes in the end is most of the friction there and more than there is at slow speeds.
+    drift = Term("drift", 1, (("of", "coulomb"), ("time_constant", 30.0)))
+    plain = [Term("coulomb_friction", 1), Term("viscous_friction", 1), Term("load_dependent_friction", 1)]
+    base = {plain[0]: np.array([1.5]), plain[1]: np.array([2.0]), drift: np.array([-3.0 / 30])}
+    for term in [*plain, drift]:
+        found = physical_constraints([term], [0], 1, base, panda, np.full(7, 0.5))
+        assert found.satisfied(np.zeros(1))
+    assert not physical_constraints([drift], [0], 1, base, panda, np.full(7, 0.5)).satisfied(np.array([-1e-3]))
+
+
+def test_a_sign_that_turns_over_slowly_has_as_much_to_lose(panda):
+    drift = Term("drift", 1, (("of", "coulomb"), ("time_constant", 30.0)))
+    x = np.array([1.5, -0.99 * 1.5 / 30])
+    for width in ((), (("sign_width", 0.08),)):
+        dry = Term("coulomb_friction", 1, width)
+        limits = physical_constraints([dry, drift], [0, 1], 2, {}, panda, np.full(7, 0.2))
+        assert limits.satisfied(x)
+        assert not limits.satisfied(x * np.array([1.0, 1.02]))

@@ -25,6 +25,8 @@ from hybrid_dynamics.loop.trace import ACCEPTED, Judge, has_family
 
 #: Size that such a torque is expected within, as a share of the root mean square of the joint's torque.
 EXPECTED = 0.1
+#: A coefficient of so small a share of what it is held within is none.
+NOTHING = 1e-3
 
 
 def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -87,10 +89,15 @@ def _as_on_every_arm(judge: Judge, current: Sequence[Term], plain: Sequence[Term
         for group in (own, *([t] for t in own if len(own) > 1)):
             trial = judge.evidence.held([*current, *out, *group], physical=True)
             if judge.as_good(trial, held):
-                out, held = [*out, *group], trial
+                # The best so far is what all are compared with: small losses do not add up.
+                out, held = [*out, *group], min(held, trial, key=lambda h: h.score)
                 if group is own:
                     break
-    return judge, out
+    terms = [*current, *out]
+    layout, x = judge.evidence.layout(terms), judge.evidence.fit(terms)
+    start = dict(zip(layout.terms, layout.starts, strict=True))
+    # What physics holds at nothing is nothing.
+    return judge, [t for t in out if abs(x[start[t]]) > NOTHING * t.options[HELD]]
 
 
 def _missed(judge: Judge, current: Sequence[Term], group: Sequence[Term]) -> bool:

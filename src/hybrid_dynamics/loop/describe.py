@@ -28,9 +28,6 @@ from hybrid_dynamics.loop.unexplained import expression_of
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
-#: A parameter this small a share of its own standard error stands at its bound.
-NOTHING = 1e-3
-
 
 def describe_result(
     judge: Judge,
@@ -90,7 +87,7 @@ def describe_result(
         )
     added = said.model.effects[len(base.effects) :]
     unsure, alike = _beside(added)
-    links = any(family(e.effect).all_links for e in added)
+    links = any(t.family().all_links for t in found.terms)
     why = "beside all links, which would take it up" if links else "since held-out rows miss it"
     lines += _estimated("beside all links, which can look the same", alike, robot.prismatic)
     lines += _estimated(f"{why}, too unsure to be named", unsure, robot.prismatic)
@@ -225,12 +222,11 @@ def _beside(added: Sequence[Effect]) -> tuple[list[Effect], list[Effect]]:
 
 
 def _estimated(why: str, effects: Sequence[Effect], slides: Sequence[str]) -> list[str]:
-    """``effects`` that are no finding, in one line, but what physics holds at nothing."""
+    """``effects`` that are no finding, in one line."""
     told = [
         f"{e.effect} of {e.joints[0]} {value:.3g} +- {e.std_errors[name]:.2g} {unit_of(e, name, slides)}"
         for e in effects
         for name, value in e.parameters.items()
-        if abs(value) > NOTHING * e.std_errors[name]
     ]
     return [f"estimated {why}, and no finding: {'; '.join(told)}"] if told else []
 

@@ -140,7 +140,7 @@ class Evidence:
 
     def in_base(self, term: Term) -> bool:
         """True where the starting model has an effect at ``term``."""
-        return term in self.problem.base_places
+        return term.as_finding in self.problem.base_places
 
     def acts(self, term: Term) -> NDArray[np.bool_]:
         """(n,) on which joints ``term`` has a torque."""

@@ -1,4 +1,4 @@
-"""What physics demands of coordinates: bounds, bodies that can exist, friction that opposes the motion, however late.
+"""What physics demands of coordinates: bounds, bodies that can exist, friction that opposes the motion, in the end too.
 
 Friction takes energy (the second law). Of one effect its bounds see to that; a viscous curve may bend down only as far
 as the joint's other viscous terms carry it, and friction that becomes less as the joint warms up ends above zero: what
@@ -8,11 +8,13 @@ grows without end over the time of a short log would drive the joint in a longer
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.sign import with_sign
 from hybrid_dynamics.effects.state import State
 from hybrid_dynamics.loop.solve import Constraints
 from hybrid_dynamics.robots import Robot
@@ -30,7 +32,8 @@ def physical_constraints(
     ``base`` holds the coordinates of effects that the starting model has already: they may become less, the sum must
     stay physical. ``fastest`` (n,) [rad/s] is the highest speed seen of each joint.
     """
-    lower = np.concatenate([s.family().lower_bounds(robot, s) - base.get(s, 0.0) for s in terms] or [np.zeros(0)])
+    least_of = [s.family().lower_bounds(robot, s) - base.get(s.as_finding, 0.0) for s in terms]
+    lower = np.concatenate(least_of or [np.zeros(0)])
     bodies: list[tuple[int, Array]] = []
     for term, start in zip(terms, starts, strict=True):
         bodies += [(start + first, offset) for first, offset in term.family().inertial_bodies(robot, term)]
@@ -46,7 +49,7 @@ def physical_constraints(
                 if term.joint == j:
                     row[start : start + term.family().size] = _per_speed(term, speed)
             rows.append(row)
-            least.append(-sum(float(_per_speed(s, speed) @ x) for s, x in own if s.joint == j))
+            least.append(_left_of(sum(float(_per_speed(s, speed) @ x) for s, x in own if s.joint == j)))
     friction = [(s, start) for s, start in zip(terms, starts, strict=True) if _is_lasting(s)]
     given = [(s, x) for s, x in base.items() if _is_lasting(s)]
     for j in sorted(
@@ -58,13 +61,19 @@ def physical_constraints(
                 if term.joint == j:
                     row[start : start + term.size] = _brakes(term, robot, speed)
             rows.append(row)
-            least.append(-sum(float(_brakes(s, robot, speed) @ x) for s, x in given if s.joint == j))
+            least.append(_left_of(sum(float(_brakes(s, robot, speed) @ x) for s, x in given if s.joint == j)))
     return Constraints(lower, tuple(bodies), np.array(rows).reshape(len(least), total), np.array(least))
 
 
 def _per_speed(term: Term, speed: float) -> Array:
     """Viscous torque at ``speed`` [rad/s], divided by it, of one unit of each coordinate of ``term``."""
     return np.array([speed ** (power - 1) for power in term.family().viscous_powers])
+
+
+def _left_of(base: float) -> float:
+    """The least that a change may make of a torque that the starting model brakes with: all of it may go. A model that
+    drives at the speeds of this log (it was made at others) need not be mended, only not be made worse."""
+    return min(-base, 0.0)
 
 
 def _is_lasting(term: Term) -> bool:
@@ -74,8 +83,10 @@ def _is_lasting(term: Term) -> bool:
 
 def _brakes(term: Term, robot: Robot, speed: float) -> Array:
     """Torque against a motion at ``speed`` [rad/s], without load and long after the beginning, of one unit of each
-    coordinate of ``term``."""
+    coordinate of ``term``; how a sign turns over does not matter, heights are compared."""
     kind, own = term.family(), term.index
+    if kind.turns_sign:
+        term = replace(term, settings=with_sign(term.settings, ()))
     at = State(
         q={own: np.zeros(1)},
         dq={own: np.array([speed])},

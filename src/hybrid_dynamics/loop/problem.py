@@ -79,10 +79,10 @@ class Problem:
 
     @cached_property
     def base_places(self) -> dict[Term, Array]:
-        """Coordinates of the effects of single joints that the starting model has."""
+        """Coordinates of the effects of single joints that the starting model has, named there or not."""
         out: dict[Term, Array] = {}
         for effect in self.base.effects:
-            term = effect.term(self.base.robot)
+            term = effect.term(self.base.robot).as_finding
             if term.family().scope == "joint":
                 own = term.family().coordinates_of(effect.parameters, self.base.robot, term)
                 out[term] = out.get(term, np.zeros(len(own))) + own

@@ -24,7 +24,8 @@ from hybrid_dynamics.loop.trace import Judge
 def choose_signs(judge: Judge, current: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """Friction whose sign turns over, joint by joint, in the way that predicts all its rows best.
 
-    A way that is surely worse on moving rows is taken only where the joint's reversals gain more than they lose.
+    All rows are those of rests, too. A way that is surely worse on moving rows is taken only where the joint's
+    reversals gain more than they lose.
     Friction of the starting model stays as it is.
     """
     turning = [s for s in current if s.family().turns_sign and not judge.evidence.in_base(s)]
@@ -54,12 +55,15 @@ def choose_signs(judge: Judge, current: Sequence[Term]) -> tuple[Judge, list[Ter
 
 
 def _rows(evidence: Evidence, joint: int) -> tuple[list[NDArray[np.bool_]], list[NDArray[np.bool_]]]:
-    """(K,) of every run: all rows of ``joint``; and those beside the moving ones at which it does not rest."""
+    """(K,) of every run: all rows of ``joint``; and those beside the moving ones at which it does not rest. Neither
+    holds moments that the evidence leaves out, since something may push then."""
     every, reversals = [], []
-    for run, moving in zip(evidence.runs, evidence.mask, strict=True):
-        passing = ~moving[:, joint]
+    for run, kept in zip(evidence.runs, evidence.mask, strict=True):
+        moving = run.mask[:, joint]
+        passing = ~moving
         for rows in rests(run.time, passing):
             passing[rows] = False
-        every.append(np.ones(len(passing), bool))
-        reversals.append(passing)
+        quiet = ~(moving & ~kept[:, joint])
+        every.append(quiet)
+        reversals.append(passing & quiet)
     return every, reversals
