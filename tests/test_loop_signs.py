@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from tests.test_loop_slow_sign import ELBOW, judged
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import uniform_filter1d
+from tests.test_loop_slow_sign import ELBOW, ROBOT, judged
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.sign import WIDTH
+from hybrid_dynamics.loop import LoopResult, Model, close_loop
+from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.signs import _rows, choose_signs
 from hybrid_dynamics.loop.trace import Gain, Judge
+from hybrid_dynamics.trajectory import Trajectory
+
+#: Noise of the torque [N m].
+NOISE = 0.02
 
 SHARP = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 2.0})
 
@@ -55,3 +66,38 @@ def test_rows_of_a_rest_are_no_reversals() -> None:
         # All of it but what is braking and starting.
         assert own[low:high].sum() < 0.15 * (high - low)
         assert own.sum() > 0
+
+
+@pytest.mark.slow
+def test_a_sharp_sign_does_not_follow_the_rounding_of_a_joint_at_rest() -> None:
+    """A joint that rests between moves has a speed of nothing but rounding, now of this sign and now of that."""
+    result = close_loop(ROBOT, [pauses(0)], [pauses(1)])
+    assert left_at_rest(result, result.model) < 3 * NOISE
+    # Control: with a sharp sign the same friction comes and goes.
+    sharp = Model(ROBOT, tuple(replace(e, settings={}) if WIDTH in e.settings else e for e in result.model.effects))
+    assert left_at_rest(result, sharp) > 10 * NOISE
+
+
+def pauses(seed: int) -> Trajectory:
+    """A run of moves with a second of rest after each, dry friction that turns over within 2 mrad/s."""
+    rng = np.random.default_rng(seed)
+    rate, poses = 200.0, rng.uniform(-1.2, 1.2, (9, 2))
+    s = np.linspace(0.0, 1.0, 200, endpoint=False)
+    step = s**3 * (10 - 15 * s + 6 * s * s)
+    parts = [np.vstack([a + (b - a) * step[:, None], np.tile(b, (200, 1))]) for a, b in pairwise(poses)]
+    q = uniform_filter1d(np.concatenate(parts), 9, axis=0, mode="nearest")
+    time = np.arange(len(q)) / rate
+    path = make_interp_spline(time, q, k=5)
+    dry = [Effect("coulomb_friction", (j,), {"coulomb_torque": 2.0}, {WIDTH: 0.002}) for j in ROBOT.joint_names]
+    tau = Model(ROBOT, tuple(dry)).predict(q, path(time, 1), path(time, 2))
+    return Trajectory(
+        f"run{seed}", "test" if seed else "train", time, {"q": q, "tau": tau + rng.normal(0, NOISE, q.shape)}
+    )
+
+
+def left_at_rest(result: LoopResult, model: Model) -> float:
+    """Root mean square [N m] of what ``model`` leaves in the middle of the rests of the test run, worst joint."""
+    (run,) = result.test
+    left = run.tau - predict_run(model, run)
+    rest = np.abs(np.mod(run.time, 2.0) - 1.5) < 0.3
+    return float(np.sqrt(np.mean(left[rest] ** 2, axis=0)).max())

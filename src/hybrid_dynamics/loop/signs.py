@@ -3,7 +3,8 @@
 Below the slow speed dry friction takes any value, so these rows have no say in what is named. They have one in how it
 turns over, which moving rows show at their edge only: of the few blocks of a short log the edge may prefer a sign that
 is plainly wrong at every reversal. A joint that turns round passes through its slow speeds, and what its torque does
-there is the law itself; one that rests is held, and says only which of two equal ways is nearer.
+there is the law itself; one that rests is held, and says only which of two equal ways is nearer. There a sharp sign
+follows the rounding of a speed that is zero: a narrow one does not.
 """
 
 from __future__ import annotations
@@ -15,10 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term
-from hybrid_dynamics.effects.sign import displacement_settings, sign_part, with_sign
+from hybrid_dynamics.effects.sign import WIDTH, displacement_settings, sign_part, width_settings, with_sign
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.standing import rests
 from hybrid_dynamics.loop.trace import Judge
+
+#: A sign of this width [rad/s] is sharp but for speeds that nobody tells from rest; it comes in where no more than this
+#: share of the squared error is left.
+NARROW, RESTS_GAIN = 1e-3, 0.9
 
 
 def choose_signs(judge: Judge, current: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -29,11 +34,18 @@ def choose_signs(judge: Judge, current: Sequence[Term]) -> tuple[Judge, list[Ter
     Friction of the starting model stays as it is.
     """
     turning = [s for s in current if s.family().turns_sign and not judge.evidence.in_base(s)]
-    further = displacement_settings(judge.settings.sign_displacements)
-    judge = judge.adding([replace(s, settings=with_sign(s.settings, way)) for s in turning for way in further])
-    judge, best = judge.at(current), list(current)
+    # Some families are offered with a sharp sign only.
+    further = [*width_settings(judge.settings.sign_widths), *displacement_settings(judge.settings.sign_displacements)]
+    narrow = ((WIDTH, NARROW),)
+    judge = judge.adding(
+        [replace(s, settings=with_sign(s.settings, way)) for s in turning for way in (*further, narrow)]
+    )
+    # A sharp sign of a speed that is nothing but rounding comes and goes at random: what follows the model's torque (a
+    # delay, a gain) would hold that in every trial.
+    quiet = {s: replace(s, settings=with_sign(s.settings, narrow)) for s in turning if not sign_part(s.settings)}
+    judge, best = judge.at([quiet.get(s, s) for s in current]), list(current)
     evidence = judge.evidence
-    ways = sorted({sign_part(s.settings) for s in evidence.terms if s.family().turns_sign})
+    ways = [*sorted({sign_part(s.settings) for s in evidence.terms if s.family().turns_sign} - {narrow}), narrow]
     for joint in sorted({s.index for s in turning}):
         own = [i for i, s in enumerate(best) if s.joint == joint and s in turning]
         rows, reversals = _rows(evidence, joint)
@@ -49,9 +61,9 @@ def choose_signs(judge: Judge, current: Sequence[Term]) -> tuple[Judge, list[Ter
             surely = loss.surer_than(1.0) and np.any(loss.per_joint > judge.settings.floor_share * judge.floor**2)
             if surely and loss.total >= (turned - there) * evidence.weights[joint]:
                 continue
-            if value < error:
+            if value < (RESTS_GAIN if way == narrow else 1.0) * error:
                 best, error = trial, value
-    return judge, best
+    return judge.at(best), best
 
 
 def _rows(evidence: Evidence, joint: int) -> tuple[list[NDArray[np.bool_]], list[NDArray[np.bool_]]]:
