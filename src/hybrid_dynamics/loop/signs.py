@@ -63,7 +63,7 @@ def choose_signs(judge: Judge, current: Sequence[Term]) -> tuple[Judge, list[Ter
                 continue
             if value < (RESTS_GAIN if way == narrow else 1.0) * error:
                 best, error = trial, value
-    return judge.at(best), best
+    return judge, best
 
 
 def _rows(evidence: Evidence, joint: int) -> tuple[list[NDArray[np.bool_]], list[NDArray[np.bool_]]]:
