@@ -156,12 +156,18 @@ DRY = Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 1.0})
 VISCOUS = Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 0.4})
 
 
-def unsure(hidden: list[Effect], named: list[Term], found: Sequence[Term] = ()) -> tuple[Judge, list[Term]]:
-    """What is estimated beside ``named``, of what is ``hidden`` in two runs; ``found``: too unsure to be kept."""
+def offered(hidden: list[Effect], named: list[Term]) -> tuple[Judge, list[Term]]:
+    """The judge of two runs at ``named``, and what may be named."""
     settings = LoopSettings()
     train, test = excitations(ROBOT, hidden, train=2, test=1, duration=8.0, rate=250.0)
     judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, train, test, settings), settings)
-    return beside_names(judge.adding(named).at(named), named, terms, found)
+    return judge.adding(named).at(named), terms
+
+
+def unsure(hidden: list[Effect], named: list[Term], found: Sequence[Term] = ()) -> tuple[Judge, list[Term]]:
+    """What is estimated beside ``named``, of what is ``hidden`` in two runs; ``found``: too unsure to be kept."""
+    judge, terms = offered(hidden, named)
+    return beside_names(judge, named, terms, found)
 
 
 def test_what_held_out_rows_miss_is_estimated_and_not_named() -> None:
@@ -210,35 +216,27 @@ def test_beside_all_links_everything_plain_is_in_where_something_is_left(monkeyp
     assert unsure(hidden, named)[1] == []
 
 
-def offered(hidden: list[Effect], named: list[Term]) -> tuple[Judge, list[Term]]:
-    """The judge at ``named``, and what every arm has and these are not."""
-    settings = LoopSettings()
-    train, test = excitations(ROBOT, hidden, train=2, test=1, duration=8.0, rate=250.0)
-    judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, train, test, settings), settings)
-    return judge.adding(named).at(named), prune.on_every_joint(terms)
-
-
 def test_one_joint_does_not_keep_the_plain_effects_of_another_out(monkeypatch: pytest.MonkeyPatch) -> None:
     heavier = links(0.1)
     named = [heavier.term(ROBOT)]
     rough = [Effect(DRY.effect, (joint,), DRY.parameters) for joint in (SHOULDER, ELBOW)]
-    judge, plain = offered([heavier, *rough], named)
+    judge, terms = offered([heavier, *rough], named)
     answers = iter([False])
     monkeypatch.setattr(Judge, "as_good", lambda *_: next(answers, True))
     # The first joint's together are refused: each of them is asked for, and the other joint's together.
-    _, rest = beside_module._as_on_every_arm(judge, named, plain)
+    _, rest = beside_module._as_on_every_arm(judge, named, prune.on_every_joint(terms))
     assert {("coulomb_friction", 0), ("coulomb_friction", 1)} <= {(t.effect, t.joint) for t in rest}
 
 
 def test_what_physics_holds_at_nothing_is_not_estimated(monkeypatch: pytest.MonkeyPatch) -> None:
     heavier = links(0.1)
     named = [heavier.term(ROBOT)]
-    judge, plain = offered([heavier], named)
+    judge, terms = offered([heavier], named)
     monkeypatch.setattr(Judge, "above_floor", lambda *_: np.ones(2, bool))
     monkeypatch.setattr(Judge, "as_good", lambda *_: True)
-    judge, rest = beside_module._as_on_every_arm(judge, named, plain)
+    judge, rest = beside_module._as_on_every_arm(judge, named, prune.on_every_joint(terms))
     # There is none: noise makes a little of some, and of the others less than none.
-    assert len(rest) < len(plain)
+    assert len(rest) < len(prune.on_every_joint(terms))
     x = refit(judge.evidence, [*named, *rest]).x
     assert np.all(np.abs(x[len(x) - len(rest) :]) > 1e-4 * np.array([t.options[HELD] for t in rest]))
 

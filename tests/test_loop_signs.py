@@ -59,13 +59,27 @@ def test_moving_rows_are_weighed_against_reversals(monkeypatch: pytest.MonkeyPat
 def test_rows_of_a_rest_are_no_reversals() -> None:
     judge, _ = judged([SHARP])
     for run, mask in zip(judge.evidence.runs, judge.evidence.mask, strict=True):
+        assert mask is run.mask
         low, high = np.searchsorted(run.time, (run.time[0] + 2.0, run.time[0] + 4.0))
         mask[low:high, 1] = False
-        _, reversals = _rows(judge.evidence, 1)
-        own = next(r for r, other in zip(reversals, judge.evidence.runs, strict=True) if other is run)
-        # All of it but what is braking and starting.
-        assert own[low:high].sum() < 0.15 * (high - low)
-        assert own.sum() > 0
+        every, reversals = _rows(judge.evidence, 1)
+        at = next(i for i, other in enumerate(judge.evidence.runs) if other is run)
+        # All of it but what is braking and starting; among all rows it counts.
+        assert 0 < reversals[at][low:high].sum() < 0.15 * (high - low)
+        assert every[at][low:high].all()
+        assert reversals[at].sum() > 0
+
+
+def test_pushed_moments_choose_no_sign() -> None:
+    judge, _ = judged([SHARP])
+    run = judge.evidence.runs[0]
+    low, high = np.searchsorted(run.time, (run.time[0] + 2.0, run.time[0] + 4.0))
+    pushed = run.mask[low:high, 1]
+    assert pushed.any()
+    every, reversals = _rows(judge.evidence.leave_out(0, slice(int(low), int(high)), 1), 1)
+    assert not every[0][low:high][pushed].any()
+    assert not reversals[0][low:high][pushed].any()
+    assert every[1].all()
 
 
 @pytest.mark.slow

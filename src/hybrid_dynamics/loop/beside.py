@@ -93,11 +93,10 @@ def _as_on_every_arm(judge: Judge, current: Sequence[Term], plain: Sequence[Term
                 out, held = [*out, *group], min(held, trial, key=lambda h: h.score)
                 if group is own:
                     break
-    terms = [*current, *out]
-    layout, x = judge.evidence.layout(terms), judge.evidence.fit(terms)
-    start = dict(zip(layout.terms, layout.starts, strict=True))
-    # What physics holds at nothing is nothing.
-    return judge, [t for t in out if abs(x[start[t]]) > NOTHING * t.options[HELD]]
+    # They stand last, and each has one coefficient. What physics holds at nothing is nothing.
+    x = judge.evidence.fit([*current, *out])
+    values = zip(out, x[len(x) - len(out) :], strict=True)
+    return judge, [t for t, value in values if abs(value) > NOTHING * t.options[HELD]]
 
 
 def _missed(judge: Judge, current: Sequence[Term], group: Sequence[Term]) -> bool:

@@ -7,7 +7,7 @@ grows without end over the time of a short log would drive the joint in a longer
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,31 +37,27 @@ def physical_constraints(
     bodies: list[tuple[int, Array]] = []
     for term, start in zip(terms, starts, strict=True):
         bodies += [(start + first, offset) for first, offset in term.family().inertial_bodies(robot, term)]
-    places = [(s, start) for s, start in zip(terms, starts, strict=True) if s.family().viscous_powers]
-    own = [(s, x) for s, x in base.items() if s.family().viscous_powers]
+    at = list(zip(terms, starts, strict=True))
     rows, least = [], []
+
+    def oppose(joint: int, speeds: Array, kind: Callable[[Term], bool], unit: Callable[[Term, float], Array]) -> None:
+        """What terms of that ``kind`` make together at ``joint``, ``unit`` of each coordinate, takes energy."""
+        for speed in speeds * fastest[joint]:
+            row = np.zeros(total)
+            for term, start in at:
+                if term.joint == joint and kind(term):
+                    row[start : start + term.size] = unit(term, speed)
+            rows.append(row)
+            own = sum(float(unit(s, speed) @ x) for s, x in base.items() if s.joint == joint and kind(s))
+            # All that the starting model brakes with may go. One that drives at the speeds of this log (it was made at
+            # others) need not be mended, only not be made worse.
+            least.append(min(-own, 0.0))
+
     # Also where only the starting model is curved: less of a viscous term could let the rest drive.
-    curved = {s.index for s, _ in [*places, *own] if s.family().viscous_powers != (1,)}
-    for j in sorted(curved & {s.index for s, _ in places}):
-        for speed in _SPEEDS * fastest[j]:
-            row = np.zeros(total)
-            for term, start in places:
-                if term.joint == j:
-                    row[start : start + term.family().size] = _per_speed(term, speed)
-            rows.append(row)
-            least.append(_left_of(sum(float(_per_speed(s, speed) @ x) for s, x in own if s.joint == j)))
-    friction = [(s, start) for s, start in zip(terms, starts, strict=True) if _is_lasting(s)]
-    given = [(s, x) for s, x in base.items() if _is_lasting(s)]
-    for j in sorted(
-        {s.index for s, _ in [*friction, *given] if s.family().follows_time} & {s.joint for s, _ in friction}
-    ):
-        for speed in np.concatenate([-_SPEEDS, _SPEEDS]) * fastest[j]:
-            row = np.zeros(total)
-            for term, start in friction:
-                if term.joint == j:
-                    row[start : start + term.size] = _brakes(term, robot, speed)
-            rows.append(row)
-            least.append(_left_of(sum(float(_brakes(s, robot, speed) @ x) for s, x in given if s.joint == j)))
+    for j in _joints(terms, base, _is_viscous, lambda s: s.family().viscous_powers != (1,)):
+        oppose(j, _SPEEDS, _is_viscous, _per_speed)
+    for j in _joints(terms, base, _is_lasting, lambda s: s.family().follows_time):
+        oppose(j, np.concatenate([-_SPEEDS, _SPEEDS]), _is_lasting, lambda s, speed: _brakes(s, robot, speed))
     return Constraints(lower, tuple(bodies), np.array(rows).reshape(len(least), total), np.array(least))
 
 
@@ -70,10 +66,17 @@ def _per_speed(term: Term, speed: float) -> Array:
     return np.array([speed ** (power - 1) for power in term.family().viscous_powers])
 
 
-def _left_of(base: float) -> float:
-    """The least that a change may make of a torque that the starting model brakes with: all of it may go. A model that
-    drives at the speeds of this log (it was made at others) need not be mended, only not be made worse."""
-    return min(-base, 0.0)
+def _joints(
+    terms: Sequence[Term], base: Mapping[Term, Array], kind: Callable[[Term], bool], special: Callable[[Term], bool]
+) -> list[int]:
+    """Joints with a term of that ``kind`` where one of them, or one of the starting model, is ``special``."""
+    own = {s.index for s in terms if kind(s)}
+    return sorted(own & {s.index for s in (*terms, *base) if kind(s) and special(s)})
+
+
+def _is_viscous(term: Term) -> bool:
+    """True for a torque of powers of the speed."""
+    return bool(term.family().viscous_powers)
 
 
 def _is_lasting(term: Term) -> bool:

@@ -30,8 +30,7 @@ def choose_signs(judge: Judge, current: Sequence[Term]) -> tuple[Judge, list[Ter
     """Friction whose sign turns over, joint by joint, in the way that predicts all its rows best.
 
     All rows are those of rests, too. A way that is surely worse on moving rows is taken only where the joint's
-    reversals gain more than they lose.
-    Friction of the starting model stays as it is.
+    reversals gain more than they lose. Friction of the starting model stays as it is.
     """
     turning = [s for s in current if s.family().turns_sign and not judge.evidence.in_base(s)]
     # Some families are offered with a sharp sign only.

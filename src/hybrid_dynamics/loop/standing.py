@@ -173,10 +173,10 @@ def _usual(parts: Sequence[Left]) -> Array:
 
 def rests(time: Array, slow: NDArray[np.bool_]) -> list[slice]:
     """Rows within each stretch of ``slow`` (K,) that lasts :data:`RESTS`, without its :data:`ENDS`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(int)))
     out = []
-    for first, end in edges.reshape(-1, 2):
-        if time[end - 1] - time[first] >= RESTS:
-            low, high = np.searchsorted(time, (time[first] + ENDS, time[end - 1] - ENDS))
+    for (stretch,) in find_objects(label(slow)[0]):
+        first, last = time[stretch][[0, -1]]
+        if last - first >= RESTS:
+            low, high = np.searchsorted(time, (first + ENDS, last - ENDS))
             out.append(slice(int(low), int(high)))
     return out
