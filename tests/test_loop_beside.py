@@ -216,6 +216,20 @@ def test_beside_all_links_everything_plain_is_in_where_something_is_left(monkeyp
     assert unsure(hidden, named)[1] == []
 
 
+def test_where_most_joints_are_left_everything_plain_is_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few seconds prove little: where hardly a joint is explained, what every arm has predicts better than nothing."""
+    monkeypatch.setattr(beside_module, "_missed", lambda *_: False)
+    rough = Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 0.4})
+    twist = Effect("torque_offset", (SHOULDER,), {"offset": 0.5})
+    named = [rough.term(ROBOT)]
+    both = {(t.effect, t.joint) for t in unsure([rough, twist, VISCOUS], named)[1]}
+    assert {("torque_offset", 0), ("viscous_friction", 1)} <= both
+    # Control: one joint of two is left, and each is asked for by the rule by which a search takes it.
+    assert unsure([rough, VISCOUS], named)[1] == []
+    monkeypatch.setattr(Judge, "as_good", lambda *_: False)
+    assert unsure([rough, twist, VISCOUS], named)[1] == []
+
+
 def test_one_joint_does_not_keep_the_plain_effects_of_another_out(monkeypatch: pytest.MonkeyPatch) -> None:
     heavier = links(0.1)
     named = [heavier.term(ROBOT)]

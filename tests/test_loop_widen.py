@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.test_loop_beside import ROBOT, SHOULDER, errors, judged, links
+from tests.test_loop_beside import ELBOW, ROBOT, SHOULDER, errors, judged, links
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
@@ -97,6 +97,41 @@ def test_several_bodies_that_stand_for_a_constant_give_way() -> None:
     judge, beside = beside_links(judge, [every])
     _, after = errors(judge, [every], beside, test)
     assert after < 0.9 * before
+
+
+def rippled(*joints: str) -> tuple[Judge, list[Term]]:
+    """Evidence of a link half as heavy again and ripple of ``joints``, which no friction and no link makes; and the
+    link's body."""
+    body = Effect("link_inertia", (SHOULDER,), to_body(link_parameters(ROBOT, 0) * 1.5))
+    ripple = {"harmonic": 6.0, "amplitude": 0.5, "phase": 0.3}
+    judge, _, _ = judged([body, *(Effect("torque_ripple", (joint,), ripple) for joint in joints)])
+    return judge, first_link(judge)
+
+
+def test_where_most_joints_are_left_all_links_are_as_likely_as_one() -> None:
+    judge, single = rippled(SHOULDER, ELBOW)
+    held = judge.evidence.held(single, physical=True)
+    assert judge.mostly_left(held)
+    links = [t for t in judge.evidence.terms if t.family().all_links]
+    there, beside = beside_links(judge, links)
+    all_links = there.evidence.held([*links, *beside], physical=True)
+    # They predict no better: nothing but the burden of proof is another.
+    assert not judge.news(all_links, held).surer_than(1.0)
+    assert widened(judge, single)[1] == links
+    # Control: one joint is left of two, and the link that could be is not asked.
+    judge, single = rippled(SHOULDER)
+    assert judge.above_floor(judge.evidence.held(single, physical=True)).tolist() == [True, False]
+    assert widened(judge, single)[1] == single
+
+
+def test_friction_that_is_missing_on_both_sides_speaks_for_none() -> None:
+    body = Effect("link_inertia", (SHOULDER,), to_body(link_parameters(ROBOT, 0) * 1.5))
+    rough = [Effect("viscous_friction", (joint,), {"viscous_coefficient": 0.3}) for joint in (SHOULDER, ELBOW)]
+    judge, _, _ = judged([body, *rough])
+    single = first_link(judge)
+    plain = [t for t in judge.evidence.terms if t.effect == "viscous_friction"]
+    assert judge.mostly_left(judge.evidence.held(single, physical=True))
+    assert widened(judge, single, plain)[1] == single
 
 
 def test_what_rounding_takes_away_speaks_for_no_model() -> None:

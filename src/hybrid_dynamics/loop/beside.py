@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.base import HELD
@@ -43,6 +44,14 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
     return _held(judge, alike)
 
 
+def plain_beside(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """Of ``candidates`` the friction, offset and armature that ``current`` lacks on joints on which something is left,
+    and the judge who has their columns: what two models need beside them to be compared, before anybody asks which of
+    it is there."""
+    left = judge.above_floor(judge.evidence.held(list(current), physical=True))
+    return _held(judge, _lacking(current, on_every_joint(candidates), left))
+
+
 def beside_names(
     judge: Judge, model: Sequence[Term], candidates: Sequence[Term], unsure: Sequence[Term] = ()
 ) -> tuple[Judge, list[Term]]:
@@ -62,7 +71,7 @@ def beside_names(
     judge, group = _held(judge, [t for t in unsure if left[t.index] and not _makes(current, t.effect, t.index)])
     if len(group) > 1 and _missed(judge, current, group):
         current += group
-    if wanted(current):
+    if wanted(current) or judge.mostly_left(judge.evidence.held(current, physical=True)):
         judge, rest = _as_on_every_arm(judge, current, plain)
         return judge, [*current, *rest][len(model) :]
     for joint in np.flatnonzero(judge.above_floor(judge.evidence.held(current, physical=True))):
@@ -82,7 +91,7 @@ def _as_on_every_arm(judge: Judge, current: Sequence[Term], plain: Sequence[Term
     what of it held-out rows do not speak against."""
     held = judge.evidence.held(list(current), physical=True)
     left = judge.above_floor(held)
-    judge, missing = _held(judge, [t for t in plain if left[t.index] and not _makes(current, t.effect, t.index)])
+    judge, missing = _held(judge, _lacking(current, plain, left))
     out: list[Term] = []
     for joint in sorted({t.index for t in missing}):
         own = [t for t in missing if t.index == joint]
@@ -97,6 +106,11 @@ def _as_on_every_arm(judge: Judge, current: Sequence[Term], plain: Sequence[Term
     x = judge.evidence.fit([*current, *out])
     values = zip(out, x[len(x) - len(out) :], strict=True)
     return judge, [t for t, value in values if abs(value) > NOTHING * t.options[HELD]]
+
+
+def _lacking(current: Sequence[Term], plain: Sequence[Term], left: NDArray[np.bool_]) -> list[Term]:
+    """Those of ``plain`` on joints (n,) on which something is ``left`` that nothing in ``current`` makes."""
+    return [t for t in plain if left[t.index] and not _makes(current, t.effect, t.index)]
 
 
 def _missed(judge: Judge, current: Sequence[Term], group: Sequence[Term]) -> bool:

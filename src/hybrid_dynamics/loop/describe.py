@@ -11,7 +11,6 @@ from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.together import added_up
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.loop.alternatives import indistinguishable
-from hybrid_dynamics.loop.beside import wanted
 from hybrid_dynamics.loop.carried import Carried
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
 from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rounded, verdict_of
@@ -88,9 +87,8 @@ def describe_result(
         )
     added = said.model.effects[len(base.effects) :]
     unsure, alike = _beside(added)
-    why = "beside all links, which would take it up" if wanted(found.terms) else "since held-out rows miss it"
     lines += _estimated("beside all links, which can look the same", alike, robot.prismatic)
-    lines += _estimated(f"{why}, too unsure to be named", unsure, robot.prismatic)
+    lines += _estimated("beside what is named, which would take it up, too unsure to be named", unsure, robot.prismatic)
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
         if floor.unproven[j]:

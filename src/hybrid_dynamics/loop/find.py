@@ -162,7 +162,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     judge, found = choose_signs(*gain_for_links(judge, kept))
     judge, kept = without_noise(judge, found, sure=True)
     unsure = [t for t in found if t not in kept and t.family().everywhere]
-    judge, chosen = widened(judge, kept)
+    judge, chosen = widened(judge, kept, candidates)
     judge, chosen, further = _as_few_bodies(judge, chosen, candidates, looked, report)
     steps += further
     if chosen != kept:
@@ -219,7 +219,7 @@ def _as_few_bodies(
 
     Of a single link's body, and not of all links', it is known what it could stand for: a wrong zero, a spring, a gain.
     """
-    judge, few = narrowed(judge, chosen)
+    judge, few = narrowed(judge, chosen, candidates)
     if few == list(chosen):
         return judge, few, []
     judge, offered = further_candidates(judge, few)

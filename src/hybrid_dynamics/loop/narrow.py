@@ -7,7 +7,7 @@ groups fit by chance what smaller ones do not, so a size is asked only where no 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 from hybrid_dynamics.effects import Term, family
@@ -18,7 +18,7 @@ from hybrid_dynamics.loop.further import like_a_body
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge, same_place
-from hybrid_dynamics.loop.widen import BELIEVED, BETTER, beyond_belief
+from hybrid_dynamics.loop.widen import BELIEVED, BETTER, as_likely, beyond_belief, with_plain
 
 #: So many causes may stand in the place of all links, where they cost less; larger groups are made of so many that
 #: predict best.
@@ -29,10 +29,13 @@ NEAR, TRIED = 1.2, 6
 Groups = dict[tuple[Term, ...], Held]
 
 
-def narrowed(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+def narrowed(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = ()) -> tuple[Judge, list[Term]]:
     """``chosen`` with :data:`FEW` causes or fewer: bodies, each believed, or what can look like one (a spring, a wrong
     zero, a gain), in the place of all links' parameters, where these do not predict held-out samples better by
-    :data:`BETTER` standard errors; and the judge there."""
+    :data:`BETTER` standard errors; and the judge there.
+
+    Where a few causes leave most joints with more than their floor, whatever friction of ``candidates`` stands beside
+    them, they must predict better by as much as an effect must to come in."""
     links = next((t for t in chosen if t.family().all_links), None)
     if links is None:
         return judge, list(chosen)
@@ -41,7 +44,7 @@ def narrowed(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
     judge = judge.adding([*causes, *parts]).at(chosen)
     judge, beside = beside_links(judge, chosen)
     for held in _by_size(judge.evidence, rest, causes, parts):
-        there = _in_their_place(judge, links, beside, rest, held)
+        there = _in_their_place(judge, [links, *beside], rest, held, candidates)
         if there is not None:
             return there
     return judge.at(chosen), list(chosen)
@@ -88,18 +91,18 @@ def _by_size(
 
 
 def _in_their_place(
-    judge: Judge, links: Term, beside: Sequence[Term], rest: Sequence[Term], held: Mapping[tuple[Term, ...], Held]
+    judge: Judge, links: Sequence[Term], rest: Sequence[Term], held: Groups, candidates: Sequence[Term]
 ) -> tuple[Judge, list[Term]] | None:
-    """``rest`` with the cheapest group of ``held`` that does as well as ``links`` with what stands ``beside`` them, and
+    """``rest`` with the cheapest group of ``held`` that does as well as all ``links`` with what stands beside them, and
     the judge there; None where there is none."""
-    together = [*rest, links, *beside]
+    together = [*rest, *links]
     best = min(held.values(), key=lambda h: h.score, default=None)
     if best is None or judge.news(judge.evidence.held(together), best).surer_than(BETTER):
         return None
     near = [
         some
         for some, own in held.items()
-        if own.score <= NEAR * best.score and judge.price(*some) < judge.price(links) and judge.as_good(own, best)
+        if own.score <= NEAR * best.score and judge.price(*some) < judge.price(links[0]) and judge.as_good(own, best)
     ]
     # A spring of two numbers before a link of ten that stands for it.
     for some in sorted(near, key=lambda some: (judge.price(*some), held[some].score, repr(some)))[:TRIED]:
@@ -108,7 +111,7 @@ def _in_their_place(
         if there is None or beyond_belief(there, trial, there.evidence.fit(trial)) > BELIEVED:
             continue
         there = there.adding(together)
-        if _as_well(there, trial, together):
+        if _as_well(there, trial, together) and not _unlikely(there, trial, together, candidates):
             return _without_idle(there, trial, some)
     return None
 
@@ -117,6 +120,13 @@ def _as_well(judge: Judge, few: Sequence[Term], many: Sequence[Term]) -> bool:
     """Whether ``few`` cost no joint much, and ``many`` do not predict held-out samples surely better."""
     own, full = (judge.evidence.held(terms, physical=True) for terms in (few, many))
     return judge.spares(own, full) and not judge.news(full, own).surer_than(BETTER)
+
+
+def _unlikely(judge: Judge, few: Sequence[Term], many: Sequence[Term], candidates: Sequence[Term]) -> bool:
+    """Whether ``few``, with the friction that they lack, leave most joints with more than their floor, and ``many``,
+    all links, are as likely."""
+    own = with_plain(judge, few, candidates)
+    return judge.mostly_left(own) and as_likely(judge, with_plain(judge, many, candidates), own)
 
 
 def _without_idle(judge: Judge, trial: Sequence[Term], some: Sequence[Term]) -> tuple[Judge, list[Term]]:

@@ -4,7 +4,9 @@ Where several links are off and a run is short, the ten numbers of one link can 
 no such link has, right in the poses of the run and far off in others. The burden of proof is then turned round: all
 links together, each near what the URDF says, take its place where they predict held-out samples no worse. Where several
 bodies are named, each as it could be, a URDF that is approximate everywhere is as likely: all links are named where
-they predict better by a standard error, not by the several that an effect beside others must gain. The other way
+they predict better by a standard error, not by the several that an effect beside others must gain. And where most
+joints are left with more than their floor, the link that is named is not what is off: all links, with the friction that
+no few seconds prove, take its place unless it predicts better by as much as an effect must to come in. The other way
 round: :mod:`.narrow`.
 """
 
@@ -17,7 +19,8 @@ import numpy as np
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.inertia import body_scale
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.beside import beside_links
+from hybrid_dynamics.loop.beside import beside_links, plain_beside
+from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge, joined
 from hybrid_dynamics.types import Array
@@ -31,26 +34,46 @@ WEIGHED = 4
 BETTER = 1.0
 
 
-def widened(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = ()) -> tuple[Judge, list[Term]]:
     """``chosen`` with all links' parameters in the place of bodies, where one of these is beyond belief or several are
-    named.
+    named, or beside whatever is named where most joints are left with more than their floor.
 
-    What is estimated beside all links stands beside them here, too: a link bends itself for a constant torque.
+    What is estimated beside all links stands beside them here: a link bends itself for a constant torque. So does, on
+    both sides, the friction of ``candidates`` that is missing.
     """
     links = [t for t in judge.evidence.terms if t.family().all_links]
-    bodies = [t for t in chosen if t.family().is_body]
-    if not links or links[0] in bodies or not bodies:
+    if not links or links[0] in chosen or not chosen:
         return judge, list(chosen)
+    bodies = [t for t in chosen if t.family().is_body]
     fitted = refit(judge.evidence, chosen)
+    judge = judge.over(fitted.evidence)
     unbelieved = beyond_belief(judge, chosen, fitted.x) > BELIEVED
-    if not unbelieved and len(bodies) < 2:
+    before = with_plain(judge, chosen, candidates)
+    left = judge.mostly_left(before)
+    if not (unbelieved or left or len(bodies) > 1):
         return judge, list(chosen)
     trial = joined(chosen, links[0])
-    judge, beside = beside_links(judge.over(fitted.evidence), trial)
-    together, evidence = [*trial, *beside], judge.evidence
-    gain = judge.news(evidence.held(together, physical=True), evidence.held(chosen, physical=True))
-    there = take(judge, chosen, together) if gain.surer_than(0.0 if unbelieved else BETTER) else None
+    judge, beside = beside_links(judge, trial)
+    judge, plain = plain_beside(judge, [*trial, *beside], candidates)
+    together = [*trial, *beside, *plain]
+    after = judge.evidence.held(together, physical=True)
+    if left and len(trial) <= len(chosen):
+        good = as_likely(judge, after, before)
+    else:
+        good = judge.news(after, before).surer_than(0.0 if unbelieved else BETTER)
+    there = take(judge, chosen, together) if good else None
     return (judge, list(chosen)) if there is None else (there, trial)
+
+
+def as_likely(judge: Judge, links: Held, few: Held) -> bool:
+    """True where a ``few`` bodies do not predict so much better than all ``links`` as an effect must to come in."""
+    return judge.as_good(links, few, judge.settings.gain_in_errors)
+
+
+def with_plain(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> Held:
+    """Held-out predictions of ``current`` beside the friction of ``candidates`` that it lacks."""
+    judge, plain = plain_beside(judge, current, candidates)
+    return judge.evidence.held([*current, *plain], physical=True)
 
 
 def beyond_belief(judge: Judge, chosen: Sequence[Term], x: Array) -> float:
