@@ -16,6 +16,7 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.export.source import Source
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop, prune
 from hybrid_dynamics.loop import beside as beside_module
+from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop import find as find_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links, beside_names
@@ -303,3 +304,30 @@ def test_an_arm_is_not_explained_by_what_has_no_name(monkeypatch: pytest.MonkeyP
     after = result.diagnosis.error_moving["test"].after_confirmed
     assert after is not None
     assert after.rmse[1] < 1.1 * result.diagnosis.noise_floor_high[1]
+
+
+@pytest.mark.parametrize("refusing", [False, True])
+def test_what_is_contradicted_leaves_its_place_to_friction(monkeypatch: pytest.MonkeyPatch, refusing: bool) -> None:
+    wrong = Term("torque_offset", 1)
+    judge, terms = offered([DRY, VISCOUS], [DRY.term(ROBOT), wrong])
+    named = [DRY.term(ROBOT), wrong]
+    found = Found(named, refit(judge.evidence, named).x, [], [], [], judge, judge.evidence.base)
+    full = found.model(named)
+    runs = judge.evidence.runs
+    change = confirm_module.TestChange
+
+    def asked(_: Judge, __: object, model: Model, without: Model, names: int) -> confirm_module.TestChange:
+        # The tests speak against the wrong name, and against what comes in its place where that is refused, too.
+        here, there = ({e.effect for e in m.effects if e.is_finding} for m in (model, without))
+        against = "torque_offset" in here - there or (names == 1 and refusing and here == there)
+        return change(0.5 * against, 0.01, against, np.full(2, 0.5 * against))
+
+    monkeypatch.setattr(confirm_module, "test_change", asked)
+    said = confirm_module.confirm(judge, Model(ROBOT), full, found, runs, terms)
+    assert said.refused == (wrong,)
+    assert [(e.effect, e.joints) for e in said.model.effects if e.is_finding] == [("coulomb_friction", (SHOULDER,))]
+    own = {(e.effect, e.joints) for e in said.model.effects if not e.is_finding}
+    assert (("viscous_friction", (ELBOW,)) in own) == bool(own) == (not refusing)
+    # Control: what is not contradicted stands as it was found.
+    monkeypatch.setattr(confirm_module, "test_change", lambda *_: change(0.0, 0.01, False, np.zeros(2)))
+    assert confirm_module.confirm(judge, Model(ROBOT), full, found, runs, terms).model.effects == full.effects

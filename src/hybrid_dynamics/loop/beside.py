@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.base import HELD
+from hybrid_dynamics.loop.balanced import balanced
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.prune import on_every_joint
 from hybrid_dynamics.loop.trace import ACCEPTED, Judge, has_family
@@ -28,6 +29,18 @@ from hybrid_dynamics.loop.trace import ACCEPTED, Judge, has_family
 EXPECTED = 0.1
 #: A coefficient of so small a share of what it is held within is none.
 NOTHING = 1e-3
+
+
+def all_beside(
+    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], unsure: Sequence[Term] = ()
+) -> tuple[Judge, list[Term]]:
+    """What is estimated beside the names ``chosen``, for links and for what is too unsure to be named, without what
+    makes a body that is none; and the judge who has their columns."""
+    judge, beside = beside_links(judge, chosen)
+    judge, guessed = beside_names(judge, [*chosen, *beside], candidates, unsure)
+    unnamed = [*beside, *guessed]
+    lost = balanced(judge, [*chosen, *unnamed], unnamed)
+    return judge, [t for t in unnamed if t not in lost]
 
 
 def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:

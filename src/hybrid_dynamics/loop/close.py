@@ -116,7 +116,7 @@ def _close(
 
     progress(0.8, "asking the test runs")
     full = found.model(found.terms)
-    said = confirm(judge, base, full, found, logs.test)
+    said = confirm(judge, base, full, found, logs.test, terms)
     runs = [*logs.train, *logs.test]
     left = [run.tau - predict_run(said.model, run) for run in runs]
     mask = [*judge.evidence.mask, *(run.mask for run in logs.test)]

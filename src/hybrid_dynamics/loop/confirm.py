@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.loop.beside import all_beside
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.model import Model
@@ -78,11 +79,14 @@ class Confirmation:
     model: Model
 
 
-def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequence[Run]) -> Confirmation:
+def confirm(
+    judge: Judge, base: Model, full: Model, found: Found, tests: Sequence[Run], candidates: Sequence[Term] = ()
+) -> Confirmation:
     """Ask the test runs about every name in ``full``, the model of what was ``found`` on top of ``base``.
 
     The most contradicted name goes first and the rest are asked again without it. A joint that still ends worse than it
-    began loses the names that make it so: its own, and those of others that help neither theirs nor the whole.
+    began loses the names that make it so: its own, and those of others that help neither theirs nor the whole. What is
+    contradicted may have stood for friction of ``candidates``, which is estimated in its place then.
     """
     changes: dict[Term, TestChange] = {}
     kept, refused, model = list(found.terms), [], full
@@ -101,8 +105,22 @@ def confirm(judge: Judge, base: Model, full: Model, found: Found, tests: Sequenc
         kept.remove(worst)
         refused.append(worst)
         model = found.model(kept)
+    if refused:
+        model = _filled(judge, found, kept, model, tests, candidates)
     inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]
     return Confirmation(changes, tuple(refused), model.with_inactive(inactive))
+
+
+def _filled(
+    judge: Judge, found: Found, kept: Sequence[Term], model: Model, tests: Sequence[Run], candidates: Sequence[Term]
+) -> Model:
+    """``model`` of the ``kept`` names with what stands beside these, which is not what stood beside all; ``model``
+    itself where the test runs contradict that, too."""
+    if found.inconsistent or not kept:
+        return model
+    judge, beside = all_beside(judge.at(kept), kept, candidates)
+    other = replace(found, judge=judge, beside=beside).model(kept)
+    return model if test_change(judge, tests, other, model, 1).contradicts else other
 
 
 def _helps_its_joint(term: Term, change: TestChange) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
 from hybrid_dynamics.loop.balanced import balanced
-from hybrid_dynamics.loop.beside import beside_links, beside_names, wanted
+from hybrid_dynamics.loop.beside import all_beside, wanted
 from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.contact import named as named_contacts
@@ -186,11 +186,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     judge, chosen = with_rest(*one_for_two(judge, chosen))
     chosen = [*given, *(t for t in chosen if t not in given)]
     fitted = refit(judge.adding(given).evidence, chosen)
-    judge, beside = beside_links(judge.over(fitted.evidence), chosen)
-    judge, guessed = beside_names(judge, [*chosen, *beside], candidates, unsure)
-    unnamed = [*beside, *guessed]
-    lost = balanced(judge, [*chosen, *unnamed], unnamed)
-    return Found(chosen, fitted.x, [], steps, [], judge, start, [t for t in unnamed if t not in lost])
+    judge, beside = all_beside(judge.over(fitted.evidence), chosen, candidates, unsure)
+    return Found(chosen, fitted.x, [], steps, [], judge, start, beside)
 
 
 def with_contacts(found: Found, logs: Logs) -> Found:

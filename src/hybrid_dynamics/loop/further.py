@@ -21,6 +21,7 @@ from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.prune import impossible
 from hybrid_dynamics.loop.search import better_settings, take
 from hybrid_dynamics.loop.trace import Judge, covers, joined, same_place
+from hybrid_dynamics.loop.widen import too_few
 
 #: Of the squared noise by second differences, the share by which a joint must exceed it to be asked further.
 EXCESS = 0.1
@@ -231,7 +232,10 @@ def simplify_bodies(judge: Judge, chosen: Sequence[Term], candidates: Sequence[T
         if not (_cheaper_parts(judge, term) or (kind.contains and kind.is_body)):
             continue
         judge, trials = _trials(judge, out, i, candidates)
-        judge, out = first_as_good(judge, out, _best_of_each(judge, trials, i))
+        trials = _best_of_each(judge, trials, i)
+        if kind.all_links:
+            trials = [trial for trial in trials if not too_few(judge, trial, out, candidates)]
+        judge, out = first_as_good(judge, out, trials)
     return judge, out
 
 

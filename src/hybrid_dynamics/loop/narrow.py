@@ -18,7 +18,7 @@ from hybrid_dynamics.loop.further import like_a_body
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge, same_place
-from hybrid_dynamics.loop.widen import BELIEVED, BETTER, as_likely, beyond_belief, with_plain
+from hybrid_dynamics.loop.widen import BELIEVED, BETTER, beyond_belief, too_few
 
 #: So many causes may stand in the place of all links, where they cost less; larger groups are made of so many that
 #: predict best.
@@ -111,7 +111,7 @@ def _in_their_place(
         if there is None or beyond_belief(there, trial, there.evidence.fit(trial)) > BELIEVED:
             continue
         there = there.adding(together)
-        if _as_well(there, trial, together) and not _unlikely(there, trial, together, candidates):
+        if _as_well(there, trial, together) and not too_few(there, trial, together, candidates):
             return _without_idle(there, trial, some)
     return None
 
@@ -120,13 +120,6 @@ def _as_well(judge: Judge, few: Sequence[Term], many: Sequence[Term]) -> bool:
     """Whether ``few`` cost no joint much, and ``many`` do not predict held-out samples surely better."""
     own, full = (judge.evidence.held(terms, physical=True) for terms in (few, many))
     return judge.spares(own, full) and not judge.news(full, own).surer_than(BETTER)
-
-
-def _unlikely(judge: Judge, few: Sequence[Term], many: Sequence[Term], candidates: Sequence[Term]) -> bool:
-    """Whether ``few``, with the friction that they lack, leave most joints with more than their floor, and ``many``,
-    all links, are as likely."""
-    own = with_plain(judge, few, candidates)
-    return judge.mostly_left(own) and as_likely(judge, with_plain(judge, many, candidates), own)
 
 
 def _without_idle(judge: Judge, trial: Sequence[Term], some: Sequence[Term]) -> tuple[Judge, list[Term]]:

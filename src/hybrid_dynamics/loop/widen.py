@@ -13,6 +13,7 @@ round: :mod:`.narrow`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -65,9 +66,22 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     return (judge, list(chosen)) if there is None else (there, trial)
 
 
+def too_few(judge: Judge, few: Sequence[Term], many: Sequence[Term], candidates: Sequence[Term]) -> bool:
+    """True where a ``few`` bodies, with the friction that they lack, leave most joints with more than their floor, and
+    ``many``, with all links, are as likely."""
+    own = with_plain(judge, few, candidates)
+    return judge.mostly_left(own) and as_likely(judge, with_plain(judge, many, candidates), own)
+
+
 def as_likely(judge: Judge, links: Held, few: Held) -> bool:
-    """True where a ``few`` bodies do not predict so much better than all ``links`` as an effect must to come in."""
-    return judge.as_good(links, few, judge.settings.gain_in_errors)
+    """True where a ``few`` bodies do not predict so much better than all ``links`` as an effect must to come in.
+
+    A joint counts by what both leave of it: by what the few leave, one that they do not explain would hardly count.
+    """
+    both = np.sqrt(0.5 * (judge.mean_square(links) + judge.mean_square(few)))
+    floor = np.where(judge.floor > 0, np.maximum(judge.floor, both), 0.0)
+    fair = replace(judge, evidence=judge.evidence.weigh(floor))
+    return fair.as_good(links, few, judge.settings.gain_in_errors)
 
 
 def with_plain(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> Held:
