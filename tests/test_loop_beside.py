@@ -306,28 +306,59 @@ def test_an_arm_is_not_explained_by_what_has_no_name(monkeypatch: pytest.MonkeyP
     assert after.rmse[1] < 1.1 * result.diagnosis.noise_floor_high[1]
 
 
-@pytest.mark.parametrize("refusing", [False, True])
-def test_what_is_contradicted_leaves_its_place_to_friction(monkeypatch: pytest.MonkeyPatch, refusing: bool) -> None:
-    wrong = Term("torque_offset", 1)
-    judge, terms = offered([DRY, VISCOUS], [DRY.term(ROBOT), wrong])
-    named = [DRY.term(ROBOT), wrong]
+TWIST = Effect("torque_offset", (ELBOW,), {"offset": 0.5})
+
+
+@pytest.mark.parametrize("refusing", [False, True], ids=["it predicts better", "it does not"])
+@pytest.mark.parametrize("wrong", ["torque_offset", "inertial_parameters"])
+def test_what_is_contradicted_leaves_its_place_to_friction(
+    monkeypatch: pytest.MonkeyPatch, wrong: str, refusing: bool
+) -> None:
+    right = DRY.term(ROBOT)
+    judge, terms = offered([DRY, VISCOUS, TWIST], [right])
+    lost = next(t for t in terms if t.effect == wrong and t.joint in (None, 1))
+    named = [right, lost]
+    judge = judge.adding(named).at(named)
     found = Found(named, refit(judge.evidence, named).x, [], [], [], judge, judge.evidence.base)
     full = found.model(named)
-    runs = judge.evidence.runs
     change = confirm_module.TestChange
 
     def asked(_: Judge, __: object, model: Model, without: Model, names: int) -> confirm_module.TestChange:
-        # The tests speak against the wrong name, and against what comes in its place where that is refused, too.
+        # The tests speak against the wrong name, and of what comes in its place as they are told to.
         here, there = ({e.effect for e in m.effects if e.is_finding} for m in (model, without))
-        against = "torque_offset" in here - there or (names == 1 and refusing and here == there)
+        if names == 1 and here == there:
+            return change(0.5 if refusing else -0.5, 0.01, False, np.zeros(2))
+        against = wrong in here - there
         return change(0.5 * against, 0.01, against, np.full(2, 0.5 * against))
 
     monkeypatch.setattr(confirm_module, "test_change", asked)
-    said = confirm_module.confirm(judge, Model(ROBOT), full, found, runs, terms)
-    assert said.refused == (wrong,)
+    said = confirm_module.confirm(judge, Model(ROBOT), full, found, judge.evidence.runs, terms)
+    assert said.refused == (lost,)
     assert [(e.effect, e.joints) for e in said.model.effects if e.is_finding] == [("coulomb_friction", (SHOULDER,))]
     own = {(e.effect, e.joints) for e in said.model.effects if not e.is_finding}
-    assert (("viscous_friction", (ELBOW,)) in own) == bool(own) == (not refusing)
+    # What is contradicted does not come back without a name; what stood in its place besides does.
+    expected = {("viscous_friction", (ELBOW,)), ("torque_offset", (ELBOW,))} - {(wrong, (ELBOW,))}
+    assert (expected <= own) == bool(own) == (not refusing)
+    assert (wrong, (ELBOW,)) not in own
     # Control: what is not contradicted stands as it was found.
     monkeypatch.setattr(confirm_module, "test_change", lambda *_: change(0.0, 0.01, False, np.zeros(2)))
-    assert confirm_module.confirm(judge, Model(ROBOT), full, found, runs, terms).model.effects == full.effects
+    again = confirm_module.confirm(judge, Model(ROBOT), full, found, judge.evidence.runs, terms)
+    assert again.model.effects == full.effects
+
+
+def test_what_comes_in_that_place_makes_no_joint_worse_than_it_began(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = DRY.term(ROBOT)
+    judge, terms = offered([DRY, VISCOUS], [right])
+    found = Found([right], refit(judge.evidence, [right]).x, [], [], [], judge, judge.evidence.base)
+    model, base = found.model([right]), Model(ROBOT)
+    change = confirm_module.TestChange
+    for worse, taken in ((0.0, True), (0.2, False)):
+
+        def asked(_: object, __: object, new: Model, old: Model, ___: int, worse: float = worse) -> object:
+            grown = worse if old is base and new is not model else 0.0
+            return change(-0.5, 0.01, False, np.array([0.0, grown]))
+
+        monkeypatch.setattr(confirm_module, "test_change", asked)
+        runs = judge.evidence.runs
+        other = confirm_module._filled(judge, base, found, [right], [], model, runs, terms)
+        assert (other is not model) == taken

@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.test_loop_beside import ELBOW, ROBOT, SHOULDER, errors, judged, links
+from tests.test_loop_beside import ELBOW, FEW_POSES, ROBOT, SHOULDER, errors, judged, links
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
+from hybrid_dynamics.loop import LoopSettings
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links
+from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Gain, Judge
 from hybrid_dynamics.loop.widen import BELIEVED, beyond_belief, widened
+from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.types import Array
 
 
@@ -99,12 +102,16 @@ def test_several_bodies_that_stand_for_a_constant_give_way() -> None:
     assert after < 0.9 * before
 
 
-def rippled(*joints: str) -> tuple[Judge, list[Term]]:
-    """Evidence of a link half as heavy again and ripple of ``joints``, which no friction and no link makes; and the
-    link's body."""
+def hidden_ripple(*joints: str) -> list[Effect]:
+    """A link half as heavy again and ripple of ``joints``, which no friction and no link makes."""
     body = Effect("link_inertia", (SHOULDER,), to_body(link_parameters(ROBOT, 0) * 1.5))
     ripple = {"harmonic": 6.0, "amplitude": 0.5, "phase": 0.3}
-    judge, _, _ = judged([body, *(Effect("torque_ripple", (joint,), ripple) for joint in joints)])
+    return [body, *(Effect("torque_ripple", (joint,), ripple) for joint in joints)]
+
+
+def rippled(*joints: str) -> tuple[Judge, list[Term]]:
+    """Evidence of :func:`hidden_ripple`, and the link's body."""
+    judge, _, _ = judged(hidden_ripple(*joints))
     return judge, first_link(judge)
 
 
@@ -112,16 +119,33 @@ def test_where_most_joints_are_left_all_links_are_as_likely_as_one() -> None:
     judge, single = rippled(SHOULDER, ELBOW)
     held = judge.evidence.held(single, physical=True)
     assert judge.mostly_left(held)
-    links = [t for t in judge.evidence.terms if t.family().all_links]
-    there, beside = beside_links(judge, links)
-    all_links = there.evidence.held([*links, *beside], physical=True)
+    every = [t for t in judge.evidence.terms if t.family().all_links]
+    there, beside = beside_links(judge, every)
     # They predict no better: nothing but the burden of proof is another.
-    assert not judge.news(all_links, held).surer_than(1.0)
-    assert widened(judge, single)[1] == links
+    assert not judge.news(there.evidence.held([*every, *beside], physical=True), held).surer_than(1.0)
+    assert widened(judge, single)[1] == every
     # Control: one joint is left of two, and the link that could be is not asked.
     judge, single = rippled(SHOULDER)
     assert judge.above_floor(judge.evidence.held(single, physical=True)).tolist() == [True, False]
     assert widened(judge, single)[1] == single
+
+
+def test_links_that_the_starting_model_has_identified_take_no_body_s_place() -> None:
+    judge, single = rippled(SHOULDER, ELBOW)
+    assert [t.effect for t in widened(judge, single)[1]] == ["inertial_parameters"]
+    known = replace(judge.evidence.base, effects=(links(0.0),))
+    settings = LoopSettings()
+    train, _ = excitations(FEW_POSES, hidden_ripple(SHOULDER, ELBOW), train=1, test=0, duration=8.0, rate=250.0)
+    there, _, _ = gather(known, read_motion(ROBOT, train, train, settings), settings)
+    assert there.mostly_left(there.evidence.held(first_link(there), physical=True))
+    assert widened(there, first_link(there))[1] == first_link(there)
+
+
+def test_all_links_come_in_no_one_s_place_only_by_the_search() -> None:
+    judge, _ = rippled(SHOULDER, ELBOW)
+    friction = [t for t in judge.evidence.terms if t.effect == "viscous_friction"]
+    assert judge.mostly_left(judge.evidence.held(friction, physical=True))
+    assert widened(judge, friction)[1] == friction
 
 
 def test_friction_that_is_missing_on_both_sides_speaks_for_none() -> None:

@@ -7,7 +7,8 @@ the data cannot tell from weight is no finding, and is held near zero (ridge reg
 
 A few seconds show a little of the friction of every joint, and none of it as surely as a name asks for. A name that is
 wrong is worse than none; a prediction without friction is worse than one with a guess of it: where all links are
-identified, whose own guesses it would end in, everything that every arm has is estimated.
+identified, whose own guesses it would end in, and where most joints are left with more than their floor, everything
+that every arm has is estimated.
 """
 
 from __future__ import annotations
@@ -72,9 +73,9 @@ def beside_names(
     on which something is left to find; and the judge who has their columns. None where nothing is named.
 
     What a search had found and was too ``unsure`` to be kept comes back where all of it together is missed: one by one
-    each can stand for another. Beside all links, which take up what is left out, the rest of it comes in, as least
-    squares has it on every joint, unless held-out rows speak against it. Else every joint by itself, the best first,
-    each by the rule by which a search takes it.
+    each can stand for another. Beside all links, which take up what is left out, and where most joints are left with
+    more than their floor, the rest of it comes in, as least squares has it on every joint, unless held-out rows speak
+    against it. Else every joint by itself, the best first, each by the rule by which a search takes it.
     """
     current = list(model)
     if not current:

@@ -19,8 +19,11 @@ from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
-from hybrid_dynamics.loop.trace import PRACTICAL, Judge, difference_error
+from hybrid_dynamics.loop.trace import PRACTICAL, Judge, difference_error, same_place
 from hybrid_dynamics.types import Array
+
+#: A joint ends worse than it began where its mean square grows by more than this share.
+WORSE = 0.05
 
 
 @dataclass(frozen=True)
@@ -106,21 +109,34 @@ def confirm(
         refused.append(worst)
         model = found.model(kept)
     if refused:
-        model = _filled(judge, found, kept, model, tests, candidates)
+        model = _filled(judge, base, found, kept, refused, model, tests, candidates)
     inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]
     return Confirmation(changes, tuple(refused), model.with_inactive(inactive))
 
 
 def _filled(
-    judge: Judge, found: Found, kept: Sequence[Term], model: Model, tests: Sequence[Run], candidates: Sequence[Term]
+    judge: Judge,
+    base: Model,
+    found: Found,
+    kept: Sequence[Term],
+    refused: Sequence[Term],
+    model: Model,
+    tests: Sequence[Run],
+    candidates: Sequence[Term],
 ) -> Model:
-    """``model`` of the ``kept`` names with what stands beside these, which is not what stood beside all; ``model``
-    itself where the test runs contradict that, too."""
+    """``model`` of the ``kept`` names with what stands beside these, which is not what stood beside all, and nothing
+    that is ``refused``; ``model`` itself where the test runs are not predicted better so, or a joint ends worse than in
+    ``base`` that did not."""
     if found.inconsistent or not kept:
         return model
-    judge, beside = all_beside(judge.at(kept), kept, candidates)
-    other = replace(found, judge=judge, beside=beside).model(kept)
-    return model if test_change(judge, tests, other, model, 1).contradicts else other
+    offered = [c for c in candidates if not any(same_place(c, r) for r in refused)]
+    unsure = [t.as_finding for t in found.beside if not t.family().like_weight]
+    judge, beside = all_beside(judge.at(kept), kept, offered, unsure)
+    beside = [t for t in beside if not any(same_place(t.as_finding, r) for r in refused)]
+    other = replace(found, terms=list(kept), judge=judge, beside=beside).model(kept)
+    ends = [test_change(judge, tests, m, base, 1).per_joint > WORSE for m in (other, model)]
+    better = test_change(judge, tests, other, model, 1).relative < 0
+    return other if better and not np.any(ends[0] & ~ends[1]) else model
 
 
 def _helps_its_joint(term: Term, change: TestChange) -> bool:
@@ -146,6 +162,6 @@ def _worse_joints(
     A name of another joint that makes them so goes where it helps neither its own joint nor the whole.
     """
     change = test_change(judge, tests, model, base, 1)
-    worse = np.flatnonzero(change.per_joint > 0.05)
+    worse = np.flatnonzero(change.per_joint > WORSE)
     harmful = [s for s in kept if np.any(asked[s].per_joint[worse] > PRACTICAL)]
     return [s for s in harmful if s.joint in worse or (asked[s].relative > 0 and not _helps_its_joint(s, asked[s]))]

@@ -88,7 +88,7 @@ def describe_result(
     added = said.model.effects[len(base.effects) :]
     unsure, alike = _beside(added)
     lines += _estimated("beside all links, which can look the same", alike, robot.prismatic)
-    lines += _estimated("beside what is named, which would take it up, too unsure to be named", unsure, robot.prismatic)
+    lines += _estimated("beside what is named, too unsure to be named itself", unsure, robot.prismatic)
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
         if floor.unproven[j]:

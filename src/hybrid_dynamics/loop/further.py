@@ -232,16 +232,16 @@ def simplify_bodies(judge: Judge, chosen: Sequence[Term], candidates: Sequence[T
         if not (_cheaper_parts(judge, term) or (kind.contains and kind.is_body)):
             continue
         judge, trials = _trials(judge, out, i, candidates)
-        trials = _best_of_each(judge, trials, i)
-        if kind.all_links:
-            trials = [trial for trial in trials if not too_few(judge, trial, out, candidates)]
-        judge, out = first_as_good(judge, out, trials)
+        asked = candidates if kind.all_links else None
+        judge, out = first_as_good(judge, out, _best_of_each(judge, trials, i), asked)
     return judge, out
 
 
-def first_as_good(judge: Judge, chosen: list[Term], trials: Sequence[list[Term]]) -> tuple[Judge, list[Term]]:
+def first_as_good(
+    judge: Judge, chosen: list[Term], trials: Sequence[list[Term]], candidates: Sequence[Term] | None = None
+) -> tuple[Judge, list[Term]]:
     """The first of ``trials`` that is as good as ``chosen`` where its own re-fit stands, else ``chosen``; and the judge
-    there."""
+    there. Of the friction in ``candidates``: that are not too few for it, either (:func:`.widen.too_few`)."""
     for trial in trials:
         there = take(judge, chosen, trial)
         if there is None:
@@ -249,6 +249,7 @@ def first_as_good(judge: Judge, chosen: list[Term], trials: Sequence[list[Term]]
         there = there.adding(chosen)
         own, full = (there.evidence.held(terms, physical=True) for terms in (trial, chosen))
         good = there.as_good(own, full) and there.spares(own, full)
+        good = good and (candidates is None or not too_few(there, trial, chosen, candidates))
         if good and not any(t not in chosen for t in impossible(there, trial)):
             return there, trial
     return judge, chosen

@@ -213,9 +213,10 @@ class Judge:
         return (self.floor > 0) & (self.mean_square(held) > (1 + LEFT) * self.floor**2)
 
     def mostly_left(self, held: Held) -> bool:
-        """True where ``held`` leaves more than the floor on most of the joints that move: what is named is not what is
-        off."""
-        return bool(2 * self.above_floor(held).sum() > (self.floor > 0).sum())
+        """True where ``held`` leaves more than the floor on most of the joints that move, two at least: what is named
+        is not all that is off."""
+        left = int(self.above_floor(held).sum())
+        return left > 1 and 2 * left > int((self.floor > 0).sum())
 
     def as_good(self, new: Held, best: Held, errors: float = 1.0) -> bool:
         """True where ``new`` is worse than ``best`` within ``errors`` standard errors, or by nothing that matters.

@@ -5,9 +5,9 @@ no such link has, right in the poses of the run and far off in others. The burde
 links together, each near what the URDF says, take its place where they predict held-out samples no worse. Where several
 bodies are named, each as it could be, a URDF that is approximate everywhere is as likely: all links are named where
 they predict better by a standard error, not by the several that an effect beside others must gain. And where most
-joints are left with more than their floor, the link that is named is not what is off: all links, with the friction that
-no few seconds prove, take its place unless it predicts better by as much as an effect must to come in. The other way
-round: :mod:`.narrow`.
+joints of an arm whose links were never identified are left with more than their floor, the link that is named is not
+all that is off: all links, with the friction that no few seconds prove, take its place unless it predicts better by as
+much as an effect must to come in. The other way round: :mod:`.narrow`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.inertia import body_scale
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links, plain_beside
@@ -36,8 +36,8 @@ BETTER = 1.0
 
 
 def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = ()) -> tuple[Judge, list[Term]]:
-    """``chosen`` with all links' parameters in the place of bodies, where one of these is beyond belief or several are
-    named, or beside whatever is named where most joints are left with more than their floor.
+    """``chosen`` with all links' parameters in the place of bodies, where one of these is beyond belief, several are
+    named, or most joints are left with more than their floor.
 
     What is estimated beside all links stands beside them here: a link bends itself for a constant torque. So does, on
     both sides, the friction of ``candidates`` that is missing.
@@ -50,15 +50,15 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     judge = judge.over(fitted.evidence)
     unbelieved = beyond_belief(judge, chosen, fitted.x) > BELIEVED
     before = with_plain(judge, chosen, candidates)
-    left = judge.mostly_left(before)
-    if not (unbelieved or left or len(bodies) > 1):
-        return judge, list(chosen)
+    left = _unexplained(judge, before)
     trial = joined(chosen, links[0])
+    if len(trial) > len(chosen) or not (unbelieved or left or len(bodies) > 1):
+        return judge, list(chosen)
     judge, beside = beside_links(judge, trial)
     judge, plain = plain_beside(judge, [*trial, *beside], candidates)
     together = [*trial, *beside, *plain]
     after = judge.evidence.held(together, physical=True)
-    if left and len(trial) <= len(chosen):
+    if left:
         good = as_likely(judge, after, before)
     else:
         good = judge.news(after, before).surer_than(0.0 if unbelieved else BETTER)
@@ -70,7 +70,14 @@ def too_few(judge: Judge, few: Sequence[Term], many: Sequence[Term], candidates:
     """True where a ``few`` bodies, with the friction that they lack, leave most joints with more than their floor, and
     ``many``, with all links, are as likely."""
     own = with_plain(judge, few, candidates)
-    return judge.mostly_left(own) and as_likely(judge, with_plain(judge, many, candidates), own)
+    return _unexplained(judge, own) and as_likely(judge, with_plain(judge, many, candidates), own)
+
+
+def _unexplained(judge: Judge, few: Held) -> bool:
+    """True where a ``few`` bodies leave most joints with more than their floor, and all links may be what is off: not
+    where the starting model has them already, as identified."""
+    identified = any(family(e.effect).all_links for e in judge.evidence.base.effects)
+    return judge.mostly_left(few) and not identified
 
 
 def as_likely(judge: Judge, links: Held, few: Held) -> bool:
@@ -85,7 +92,11 @@ def as_likely(judge: Judge, links: Held, few: Held) -> bool:
 
 
 def with_plain(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> Held:
-    """Held-out predictions of ``current`` beside the friction of ``candidates`` that it lacks."""
+    """Held-out predictions of ``current`` beside the friction of ``candidates`` that it lacks.
+
+    What is held near zero has the column of what is not, which the evidence has already: predictions of one evidence
+    and the other compare.
+    """
     judge, plain = plain_beside(judge, current, candidates)
     return judge.evidence.held([*current, *plain], physical=True)
 
