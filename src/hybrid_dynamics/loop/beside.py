@@ -17,14 +17,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop.balanced import balanced
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.prune import on_every_joint
-from hybrid_dynamics.loop.trace import ACCEPTED, Judge, has_family
+from hybrid_dynamics.loop.trace import ACCEPTED, Judge, has_all_links, has_family
 
 #: Size that such a torque is expected within, as a share of the root mean square of the joint's torque.
 EXPECTED = 0.1
@@ -50,7 +49,7 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
 
     None where the links of the robot are not identified together.
     """
-    if not wanted(chosen):
+    if not has_all_links(chosen):
         return judge, []
     moving = np.flatnonzero(judge.evidence.samples >= FEWEST_ROWS)
     names = [name for name in judge.settings.families if family(name).like_weight]
@@ -63,7 +62,8 @@ def plain_beside(judge: Judge, current: Sequence[Term], candidates: Sequence[Ter
     and the judge who has their columns: what two models need beside them to be compared, before anybody asks which of
     it is there."""
     left = judge.above_floor(judge.evidence.held(list(current), physical=True))
-    return _held(judge, _lacking(current, on_every_joint(candidates), left))
+    plain = on_every_joint(candidates)
+    return _held(judge, [t for t in plain if left[t.index] and not _makes(current, t.effect, t.index)])
 
 
 def beside_names(
@@ -85,10 +85,11 @@ def beside_names(
     judge, group = _held(judge, [t for t in unsure if left[t.index] and not _makes(current, t.effect, t.index)])
     if len(group) > 1 and _missed(judge, current, group):
         current += group
-    if wanted(current) or judge.mostly_left(judge.evidence.held(current, physical=True)):
+    held = judge.evidence.held(current, physical=True)
+    if has_all_links(current) or judge.mostly_left(held):
         judge, rest = _as_on_every_arm(judge, current, plain)
         return judge, [*current, *rest][len(model) :]
-    for joint in np.flatnonzero(judge.above_floor(judge.evidence.held(current, physical=True))):
+    for joint in np.flatnonzero(judge.above_floor(held)):
         missing = [t for t in plain if t.joint == joint and not has_family(current, t.effect, int(joint))]
         judge, free = _held(judge, missing)
         while free:
@@ -104,8 +105,7 @@ def _as_on_every_arm(judge: Judge, current: Sequence[Term], plain: Sequence[Term
     """What of ``plain`` is missing in ``current`` on joints on which something is left to find: a joint's together, or
     what of it held-out rows do not speak against."""
     held = judge.evidence.held(list(current), physical=True)
-    left = judge.above_floor(held)
-    judge, missing = _held(judge, _lacking(current, plain, left))
+    judge, missing = plain_beside(judge, current, plain)
     out: list[Term] = []
     for joint in sorted({t.index for t in missing}):
         own = [t for t in missing if t.index == joint]
@@ -122,22 +122,12 @@ def _as_on_every_arm(judge: Judge, current: Sequence[Term], plain: Sequence[Term
     return judge, [t for t, value in values if abs(value) > NOTHING * t.options[HELD]]
 
 
-def _lacking(current: Sequence[Term], plain: Sequence[Term], left: NDArray[np.bool_]) -> list[Term]:
-    """Those of ``plain`` on joints (n,) on which something is ``left`` that nothing in ``current`` makes."""
-    return [t for t in plain if left[t.index] and not _makes(current, t.effect, t.index)]
-
-
 def _missed(judge: Judge, current: Sequence[Term], group: Sequence[Term]) -> bool:
     """True where held-out rows miss ``group`` in ``current`` as a search asks for, for one of it at least."""
     held = judge.evidence.held
     after = held([*current, *group], physical=True)
     gain = judge.gain(after, held(current, physical=True))
     return any(judge.reason(term, gain, after) == ACCEPTED for term in group)
-
-
-def wanted(chosen: Sequence[Term]) -> bool:
-    """True where ``chosen`` holds the links that constant torques are estimated beside."""
-    return any(t.family().all_links for t in chosen)
 
 
 def _makes(chosen: Sequence[Term], name: str, joint: int) -> bool:

@@ -109,7 +109,7 @@ def confirm(
         refused.append(worst)
         model = found.model(kept)
     if refused:
-        model = _filled(judge, base, found, kept, refused, model, tests, candidates)
+        model = _filled(judge, base, found, kept, model, tests, candidates)
     inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]
     return Confirmation(changes, tuple(refused), model.with_inactive(inactive))
 
@@ -119,16 +119,16 @@ def _filled(
     base: Model,
     found: Found,
     kept: Sequence[Term],
-    refused: Sequence[Term],
     model: Model,
     tests: Sequence[Run],
     candidates: Sequence[Term],
 ) -> Model:
     """``model`` of the ``kept`` names with what stands beside these, which is not what stood beside all, and nothing
-    that is ``refused``; ``model`` itself where the test runs are not predicted better so, or a joint ends worse than in
+    that is refused; ``model`` itself where the test runs are not predicted better so, or a joint ends worse than in
     ``base`` that did not."""
     if found.inconsistent or not kept:
         return model
+    refused = [t for t in found.terms if t not in kept]
     offered = [c for c in candidates if not any(same_place(c, r) for r in refused)]
     unsure = [t.as_finding for t in found.beside if not t.family().like_weight]
     judge, beside = all_beside(judge.at(kept), kept, offered, unsure)

@@ -65,7 +65,7 @@ def better_with_everything(
     """
     times = np.ones(judge.evidence.n)
     links = next((t for t in candidates if t.family().all_links), None)
-    if links is None or any(e.effect == links.effect for e in judge.evidence.base.effects):
+    if links is None or judge.evidence.problem.links_identified:
         return Everything(times)
     terms = [*on_every_joint(candidates), links]
     there, beside = beside_links(judge.at(terms), terms)

@@ -10,7 +10,7 @@ import numpy as np
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
 from hybrid_dynamics.loop.balanced import balanced
-from hybrid_dynamics.loop.beside import all_beside, wanted
+from hybrid_dynamics.loop.beside import all_beside
 from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.contact import named as named_contacts
@@ -40,7 +40,7 @@ from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.signs import choose_signs
 from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.tangents import published_covariance
-from hybrid_dynamics.loop.trace import LEFT, Judge, same_place
+from hybrid_dynamics.loop.trace import LEFT, Judge, has_all_links, same_place
 from hybrid_dynamics.loop.widen import widened
 from hybrid_dynamics.types import Array
 
@@ -102,7 +102,7 @@ class Found:
             return []
         if self.inconsistent:
             return [e for s, e in zip(self.terms, self.effects(covariance), strict=True) if s in terms]
-        lacks_links = wanted(self.terms) and not wanted(terms)
+        lacks_links = has_all_links(self.terms) and not has_all_links(terms)
         beside = [t for t in self.beside if not (lacks_links and t.family().like_weight)]
         evidence = self.judge.evidence
         return model_of(evidence, [*terms, *beside], covariance).effects[len(evidence.base.effects) :]

@@ -44,7 +44,7 @@ def narrowed(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = 
     judge = judge.adding([*causes, *parts]).at(chosen)
     judge, beside = beside_links(judge, chosen)
     for held in _by_size(judge.evidence, rest, causes, parts):
-        there = _in_their_place(judge, [links, *beside], rest, held, candidates)
+        there = _in_their_place(judge, links, beside, rest, held, candidates)
         if there is not None:
             return there
     return judge.at(chosen), list(chosen)
@@ -91,18 +91,23 @@ def _by_size(
 
 
 def _in_their_place(
-    judge: Judge, links: Sequence[Term], rest: Sequence[Term], held: Groups, candidates: Sequence[Term]
+    judge: Judge,
+    links: Term,
+    beside: Sequence[Term],
+    rest: Sequence[Term],
+    held: Groups,
+    candidates: Sequence[Term],
 ) -> tuple[Judge, list[Term]] | None:
-    """``rest`` with the cheapest group of ``held`` that does as well as all ``links`` with what stands beside them, and
+    """``rest`` with the cheapest group of ``held`` that does as well as ``links`` with what stands ``beside`` them, and
     the judge there; None where there is none."""
-    together = [*rest, *links]
+    together = [*rest, links, *beside]
     best = min(held.values(), key=lambda h: h.score, default=None)
     if best is None or judge.news(judge.evidence.held(together), best).surer_than(BETTER):
         return None
     near = [
         some
         for some, own in held.items()
-        if own.score <= NEAR * best.score and judge.price(*some) < judge.price(links[0]) and judge.as_good(own, best)
+        if own.score <= NEAR * best.score and judge.price(*some) < judge.price(links) and judge.as_good(own, best)
     ]
     # A spring of two numbers before a link of ten that stands for it.
     for some in sorted(near, key=lambda some: (judge.price(*some), held[some].score, repr(some)))[:TRIED]:

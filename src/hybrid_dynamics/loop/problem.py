@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hybrid_dynamics.effects import Effect, Motion, Term
+from hybrid_dynamics.effects import Effect, Motion, Term, family
 from hybrid_dynamics.effects.acting import late
 from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.blocks import Blocks, folds_of
@@ -87,6 +87,11 @@ class Problem:
                 own = term.family().coordinates_of(effect.parameters, self.base.robot, term)
                 out[term] = out.get(term, np.zeros(len(own))) + own
         return out
+
+    @cached_property
+    def links_identified(self) -> bool:
+        """True where the starting model has all links' parameters."""
+        return any(family(effect.effect).all_links for effect in self.base.effects)
 
     # -- torques of a model -----------------------------------------------------------------------------------------
     def left(self, effects: Sequence[Effect]) -> tuple[Array, ...]:

@@ -7,7 +7,7 @@ accepted when its gain is certain and large enough to matter.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -363,6 +363,11 @@ def _judged(judge: Judge, term: Term, terms: Sequence[Term], before: Held, after
 def has_family(terms: Sequence[Term], name: str, joint: int) -> bool:
     """True where one of ``terms`` is the family ``name`` on ``joint``, or holds it as a special case."""
     return any(t.joint == joint and (t.effect == name or name in t.family().contains) for t in terms)
+
+
+def has_all_links(terms: Iterable[Term]) -> bool:
+    """True where one of ``terms`` is the parameters of all links."""
+    return any(t.family().all_links for t in terms)
 
 
 def covers(general: Term, special: Term) -> bool:

@@ -17,13 +17,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from hybrid_dynamics.effects import Term, family
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.inertia import body_scale
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links, plain_beside
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge, joined
+from hybrid_dynamics.loop.trace import Judge, covers, joined
 from hybrid_dynamics.types import Array
 
 #: A link that differs by more than this multiple of a plausible change (half its mass, shifted by its own size) is
@@ -43,7 +43,7 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     both sides, the friction of ``candidates`` that is missing.
     """
     links = [t for t in judge.evidence.terms if t.family().all_links]
-    if not links or links[0] in chosen or not chosen:
+    if not links or links[0] in chosen or not any(covers(links[0], t) for t in chosen):
         return judge, list(chosen)
     bodies = [t for t in chosen if t.family().is_body]
     fitted = refit(judge.evidence, chosen)
@@ -51,9 +51,9 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     unbelieved = beyond_belief(judge, chosen, fitted.x) > BELIEVED
     before = with_plain(judge, chosen, candidates)
     left = _unexplained(judge, before)
-    trial = joined(chosen, links[0])
-    if len(trial) > len(chosen) or not (unbelieved or left or len(bodies) > 1):
+    if not (unbelieved or left or len(bodies) > 1):
         return judge, list(chosen)
+    trial = joined(chosen, links[0])
     judge, beside = beside_links(judge, trial)
     judge, plain = plain_beside(judge, [*trial, *beside], candidates)
     together = [*trial, *beside, *plain]
@@ -76,8 +76,7 @@ def too_few(judge: Judge, few: Sequence[Term], many: Sequence[Term], candidates:
 def _unexplained(judge: Judge, few: Held) -> bool:
     """True where a ``few`` bodies leave most joints with more than their floor, and all links may be what is off: not
     where the starting model has them already, as identified."""
-    identified = any(family(e.effect).all_links for e in judge.evidence.base.effects)
-    return judge.mostly_left(few) and not identified
+    return judge.mostly_left(few) and not judge.evidence.problem.links_identified
 
 
 def as_likely(judge: Judge, links: Held, few: Held) -> bool:
