@@ -32,6 +32,7 @@ class AsymmetricCoulombFriction(Family):
     name = "asymmetric_coulomb_friction"
     scope = "joint"
     is_friction = True
+    of_like_size = True
     known_settings = (WIDTH, SIGN_DISPLACEMENT, AT_REST)
     equation = r"\tau = F_c^{+}\ (\dot q > 0),\quad \tau = -F_c^{-}\ (\dot q < 0),\quad F_c^{\pm} \ge 0"
     parameters = (Parameter("coulomb_torque_positive", "N m"), Parameter("coulomb_torque_negative", "N m"))

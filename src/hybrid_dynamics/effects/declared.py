@@ -65,6 +65,8 @@ class Declared:
     viscous_powers: ClassVar[tuple[int, ...]] = ()
     #: True where the torque opposes the joint's motion: it may take energy, never give it.
     is_friction: ClassVar[bool] = False
+    #: True where the coordinates are one cause's in either direction: of like size where a log shows one of them alone.
+    of_like_size: ClassVar[bool] = False
     #: True where the torque follows the time since the run began: its friction must be friction however late.
     follows_time: ClassVar[bool] = False
     #: True where the torque follows sign(dq); how that turns over is a setting (see ``effects/sign.py``).

@@ -269,7 +269,7 @@ class Evidence:
                     own[places] += self.weights[j] * part.ravel()
                 b[:, position] += self.weights[j] * grams[j][:, column, -1]
         a[:, :: size + 1] += self.prior(layout)
-        return a.reshape(many, size, size) + self._defined(layout), b
+        return a.reshape(many, size, size) + self._defined(layout) + self.problem.alike(layout), b
 
     def _defined(self, layout: Layout) -> Array | float:
         """What makes a gain of all joints beside all links' parameters one number (K, K); 0 where there are not both.

@@ -27,8 +27,8 @@ def undetermined(evidence: Evidence, terms: Sequence[Term], term: Term) -> list[
     """Published parameters of ``term`` that the data leaves to the prior, or to another of ``terms``: on a joint that
     turns one way only Coulomb friction and an offset are one constant."""
     layout = evidence.layout(terms)
-    a, _ = evidence.normal(layout)
-    scale, values, vectors = directions(a)
+    # What is held to be like another number is not known by that.
+    scale, values, vectors = directions(evidence.normal(layout)[0] - evidence.problem.alike(layout))
     known = values > ONE_DIRECTION
     variance = (vectors[:, known] ** 2 @ (1.0 / values[known])) * scale**2
     start = layout.starts[layout.terms.index(term)]

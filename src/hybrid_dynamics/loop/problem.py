@@ -26,6 +26,9 @@ from hybrid_dynamics.types import Array
 
 #: Models of which the torque at all states of a run is kept: a step that was tried and the one it was tried from.
 KEPT = 2
+#: Coordinates of like size are expected to differ by this share of the root mean square of their joint's torque: a row
+#: or two of the log say more.
+DIFFERENCE = 0.1
 
 
 def model_in(base: Model, effects: Sequence[Effect], run: Run) -> Model:
@@ -197,3 +200,22 @@ class Problem:
         if term not in self._priors:
             self._priors[term] = 1.0 / term.prior_scale(self.robot) ** 2
         return self._priors[term]
+
+    def alike(self, layout: Layout) -> Array:
+        """(K, K): what holds coordinates of like size to each other, where the data is silent about one of them.
+
+        A joint that moves one way but for the instants in which it turns over would else have of its friction the other
+        way what a few rows make of it: any multiple of the joint's torque, and whole folds are predicted by that.
+        """
+        out = np.zeros((layout.total, layout.total))
+        for term, start in zip(layout.terms, layout.starts, strict=True):
+            if term.family().of_like_size and (size := self.torque_size[term.index]) > 0:
+                part = slice(start, start + term.size)
+                out[part, part] += (np.eye(term.size) - 1.0 / term.size) / (DIFFERENCE * size) ** 2
+        return out
+
+    @cached_property
+    def torque_size(self) -> Array:
+        """(n,) [N m] root mean square of every joint's recorded torque."""
+        square = np.mean(np.concatenate([run.tau for run in self.runs]) ** 2, axis=0)
+        return np.asarray(np.sqrt(square))

@@ -78,10 +78,10 @@ def prior_covariance(evidence: Evidence, layout: Layout, normal: Array) -> Array
     may be. Nothing where the data tells; where it does not, the prior's own spread: a parameter that was left where
     it stood is unknown, not exact.
     """
-    precision = np.zeros(len(normal))
-    precision[: layout.total] = evidence.prior(layout)
+    precision, own = np.zeros(normal.shape), slice(layout.total)
+    precision[own, own] = np.diag(evidence.prior(layout)) + evidence.problem.alike(layout)
     scale, values, vectors = directions(normal)
-    pull = vectors.T @ ((precision * scale**2)[:, None] * vectors)
+    pull = vectors.T @ (scale[:, None] * precision * scale) @ vectors
     # A direction that no sample knows at all lies below rounding in the normal matrix: the prior alone holds it.
     size = np.where(values > ONE_DIRECTION, values, np.maximum(np.diag(pull), 1e-300))
     inverse = scale[:, None] * vectors / size
