@@ -40,6 +40,17 @@ def with_spring(effect: Effect) -> Judge:
     return judge.adding([SPRING]).at([LINK])
 
 
+def stribeck(coulomb: float, static: float, velocity: float) -> dict[str, float]:
+    return {"coulomb_torque": coulomb, "static_torque": static, "stribeck_velocity": velocity}
+
+
+def judged_with(hidden: Sequence[Effect], start: Model) -> Judge:
+    """The judge of two runs of the arm with what is ``hidden``."""
+    settings = LoopSettings()
+    train, test = excitations(ROBOT, hidden, train=2, test=1, duration=8.0, rate=250.0)
+    return gather(start, read_motion(ROBOT, train, test, settings), settings)[0]
+
+
 def silent(step: Step) -> None:
     assert step.terms is not None
 
@@ -67,6 +78,48 @@ def test_it_is_let_go_of_when_nonlinear_parameters_are_refined(monkeypatch: pyte
     for known, ends in ((prune.impossible, []), (nothing, [LINK])):
         monkeypatch.setattr(find_module, "impossible", known)
         assert find_module._refined(judge, [LINK], [LINK], silent)[1] == ends
+
+
+@pytest.mark.parametrize(("coulomb", "is_none"), [(0.0, True), (0.4, False)])
+def test_a_friction_that_is_nothing_in_faster_motion_is_no_stribeck_friction(coulomb: float, is_none: bool) -> None:
+    """Seen in slow motion alone anything that falls makes it, and faster the joint would be without friction."""
+    hidden = Effect("stribeck_friction", (SHOULDER,), stribeck(coulomb, 1.0, 0.3))
+    judge = judged_with([hidden], Model(ROBOT))
+    term = hidden.term(ROBOT)
+    judge = judge.adding([term]).at([term])
+    assert prune.impossible(judge, [term]) == ([term] if is_none else [])
+    _, kept, _, _ = find_module._surely(judge, [term], [term], 1, silent)
+    assert kept == ([] if is_none else [term])
+
+
+@pytest.mark.parametrize(
+    "known",
+    [
+        Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 1.0}),
+        Effect("stribeck_friction", (SHOULDER,), stribeck(1.0, 1.5, 0.3)),
+        Effect("stribeck_friction", (SHOULDER,), stribeck(1.0, 1.5, 0.25)),
+    ],
+    ids=["plain", "the same", "another velocity"],
+)
+def test_a_rise_on_top_of_the_friction_of_the_starting_model_is_one(known: Effect) -> None:
+    hidden = Effect("stribeck_friction", (SHOULDER,), stribeck(1.0, 2.0, 0.3))
+    judge = judged_with([hidden], Model(ROBOT, (known,)))
+    term = hidden.term(ROBOT)
+    judge = judge.adding([term]).at([term])
+    x = refit(judge.evidence, [term]).x
+    assert 10 * x[0] < x[1], "a change: of dry friction itself there is hardly any"
+    assert prune.impossible(judge, [term]) == []
+
+
+def test_a_rise_beside_other_dry_friction_of_its_joint_is_one() -> None:
+    dry = Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 1.0})
+    rise, plain = (
+        effect.term(ROBOT) for effect in (Effect("stribeck_friction", (SHOULDER,), stribeck(0.0, 1.0, 0.3)), dry)
+    )
+    judge = judged_with([Effect("stribeck_friction", (SHOULDER,), stribeck(0.0, 1.0, 0.3))], Model(ROBOT))
+    judge = judge.adding([rise, plain]).at([rise])
+    assert prune.impossible(judge, [rise]) == [rise]
+    assert prune.impossible(judge, [rise, plain]) == []
 
 
 @pytest.mark.parametrize("times", [1.0, 1.4])

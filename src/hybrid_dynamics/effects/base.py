@@ -279,6 +279,10 @@ class Family(Law):
         """By how much coordinates ``x`` (p,) change single bodies, (10,) each: of these there is a most that can be."""
         return []
 
+    def is_none(self, x: Array, term: Term) -> bool:
+        """True where coordinates ``x`` (p,) within their bounds are still no such effect: it stands for another."""
+        return False
+
     # -- published parameters -----------------------------------------------------------------------------------------
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         """Published parameters of coordinates ``x`` (p,) at ``term``; nonlinear ones come from its settings."""

@@ -1,7 +1,8 @@
 """Stribeck friction: tau = (Fc + (Fs - Fc) exp(-(dq/vs)^2)) sign(dq), Fs >= Fc >= 0.
 
 Coordinates (Fc, Fs - Fc); the Stribeck velocity vs is refined. A vs inside the stick band cannot be told from Coulomb
-friction: rows slower than the band have no say.
+friction: rows slower than the band have no say. What falls to less than a tenth of itself is something else that slow
+motion shows alone: where the joint moves faster it would be without friction.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ VELOCITY = "stribeck_velocity"
 _GRID = (0.03, 0.1, 0.3)
 #: A rise of friction below this velocity [rad/s] only slow motion shows: the slowest that is asked for (``shown_by``).
 _HIDES = 0.02
+#: Friction at rest of more than so many times that in motion no drive has: in tables of dry and of lubricated contacts
+#: it is at most a few times as large.
+_MOST_FALL = 10.0
 
 
 @register
@@ -71,6 +75,11 @@ class StribeckFriction(Family):
 
     def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(2)
+
+    def is_none(self, x: Array, term: Term) -> bool:
+        """A friction that is next to nothing in faster motion: seen in slow motion alone, anything that falls makes
+        it, and where the joint moves faster it would have none."""
+        return bool(_MOST_FALL * x[0] < x[0] + x[1])
 
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return {

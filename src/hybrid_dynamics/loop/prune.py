@@ -238,18 +238,25 @@ def in_errors(judge: Judge, current: Sequence[Term], x: Array) -> dict[Term, flo
 
 def impossible(judge: Judge, current: Sequence[Term]) -> list[Term]:
     """Those of ``current`` that cannot be: a single body changed by more than a body is, a zero that puts the joint far
-    outside its limits."""
-    if not any(t.family().changes_body or t.family().changes_reading for t in current):
-        return []
+    outside its limits, coordinates that are no such law."""
     evidence = judge.evidence
     x, layout, robot = evidence.fit(current), evidence.layout(current), evidence.robot
     out = []
     for term, start in zip(layout.terms, layout.starts, strict=True):
         own = x[start : start + term.size]
         bodies = term.family().inertial_changes(own, robot, term)
-        if any(cannot_be(robot, change) for change in bodies) or _outside(evidence, term, own):
+        none = not _beside_dry(evidence, current, term) and term.family().is_none(own, term)
+        if none or any(cannot_be(robot, change) for change in bodies) or _outside(evidence, term, own):
             out.append(term)
     return out
+
+
+def _beside_dry(evidence: Evidence, current: Sequence[Term], term: Term) -> bool:
+    """True where the joint of ``term`` has other dry friction, in ``current`` or in the starting model, of which its
+    own may be a change, or what that lacks."""
+    others = [*(t for t in current if t != term), *evidence.problem.base_places]
+    dry = [t for t in others if t.family().is_friction and not t.family().viscous_powers]
+    return any(t.joint == term.joint for t in dry)
 
 
 def _outside(evidence: Evidence, term: Term, x: Array) -> bool:
