@@ -22,6 +22,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links, beside_names
 from hybrid_dynamics.loop.diagnosis import errors_of
 from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import Run
@@ -236,11 +237,51 @@ def test_one_joint_does_not_keep_the_plain_effects_of_another_out(monkeypatch: p
     named = [heavier.term(ROBOT)]
     rough = [Effect(DRY.effect, (joint,), DRY.parameters) for joint in (SHOULDER, ELBOW)]
     judge, terms = offered([heavier, *rough], named)
-    answers = iter([False])
+    answers = iter([False, False])
     monkeypatch.setattr(Judge, "as_good", lambda *_: next(answers, True))
-    # The first joint's together are refused: each of them is asked for, and the other joint's together.
+    # All of it, and then the first joint's, are refused: each of these is asked for, and the other joint's together.
     _, rest = beside_module._as_on_every_arm(judge, named, prune.on_every_joint(terms))
     assert {("coulomb_friction", 0), ("coulomb_friction", 1)} <= {(t.effect, t.joint) for t in rest}
+
+
+def test_all_that_is_missing_is_asked_for_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Through the links each can stand for another's: refused one by one, they may all be there."""
+    heavier = links(0.1)
+    named = [heavier.term(ROBOT)]
+    rough = [Effect(DRY.effect, (joint,), DRY.parameters) for joint in (SHOULDER, ELBOW)]
+    judge, terms = offered([heavier, *rough], named)
+    plain = prune.on_every_joint(terms)
+    all_of_it = len(named) + len(beside_module.plain_beside(judge, named, plain)[1])
+    asked: list[int] = []
+
+    def as_good(_: Judge, new: Held, __: Held) -> bool:
+        asked.append(max(len(x) for x in new.coordinates))
+        return len(asked) == 1
+
+    monkeypatch.setattr(Judge, "as_good", as_good)
+    _, rest = beside_module._as_on_every_arm(judge, named, plain)
+    assert asked == [named[0].size + all_of_it - 1]
+    assert {("coulomb_friction", 0), ("coulomb_friction", 1)} <= {(t.effect, t.joint) for t in rest}
+
+
+def test_what_one_joint_gains_together_pays_for_no_other_s_loss() -> None:
+    """A torque of the elbow that is this way in one run and that way in the other is predicted worse by a constant."""
+    settings = LoopSettings()
+    dry = Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 1.5})
+    thick = Effect("viscous_friction", (SHOULDER,), {"viscous_coefficient": 0.5})
+    train, test = excitations(ROBOT, [dry, thick], train=2, test=1, duration=8.0, rate=250.0)
+    for run, twist in zip(train, (-0.3, 0.3), strict=True):
+        run.signals["tau"][:, 1] += twist
+    named = [thick.term(ROBOT)]
+    judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, train, test, settings), settings)
+    judge = judge.adding(named).at(named)
+    plain = prune.on_every_joint(terms)
+    there, missing = beside_module.plain_beside(judge, named, plain)
+    before, whole = (there.evidence.held([*named, *more], physical=True) for more in ([], missing))
+    assert there.as_good(whole, before), "on the whole it is better"
+    _, rest = beside_module._as_on_every_arm(judge, named, plain)
+    assert ("coulomb_friction", 0) in {(t.effect, t.joint) for t in rest}
+    assert ("torque_offset", 1) not in {(t.effect, t.joint) for t in rest}
 
 
 def test_what_physics_holds_at_nothing_is_not_estimated(monkeypatch: pytest.MonkeyPatch) -> None:

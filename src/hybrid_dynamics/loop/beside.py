@@ -22,6 +22,7 @@ from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop.balanced import balanced
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
+from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prune import on_every_joint
 from hybrid_dynamics.loop.trace import ACCEPTED, Judge, has_all_links, has_family
 
@@ -102,10 +103,25 @@ def beside_names(
 
 
 def _as_on_every_arm(judge: Judge, current: Sequence[Term], plain: Sequence[Term]) -> tuple[Judge, list[Term]]:
-    """What of ``plain`` is missing in ``current`` on joints on which something is left to find: a joint's together, or
-    what of it held-out rows do not speak against."""
+    """What of ``plain`` is missing in ``current`` on joints on which something is left to find: all of it, else what of
+    it held-out rows do not speak against.
+
+    All of it first: through the links each can stand for another's, and one by one the order would decide.
+    """
     held = judge.evidence.held(list(current), physical=True)
     judge, missing = plain_beside(judge, current, plain)
+    whole = judge.evidence.held([*current, *missing], physical=True)
+    # What one joint gains pays for no other's loss.
+    good = judge.as_good(whole, held) and judge.spares(whole, held)
+    out = missing if good else _one_by_one(judge, current, missing, held)
+    # They stand last, and each has one coefficient. What physics holds at nothing is nothing.
+    x = judge.evidence.fit([*current, *out])
+    values = zip(out, x[len(x) - len(out) :], strict=True)
+    return judge, [t for t, value in values if abs(value) > NOTHING * t.options[HELD]]
+
+
+def _one_by_one(judge: Judge, current: Sequence[Term], missing: Sequence[Term], held: Held) -> list[Term]:
+    """Of ``missing`` a joint's together, or what of it is as good on held-out rows as ``current`` alone, ``held``."""
     out: list[Term] = []
     for joint in sorted({t.index for t in missing}):
         own = [t for t in missing if t.index == joint]
@@ -116,10 +132,7 @@ def _as_on_every_arm(judge: Judge, current: Sequence[Term], plain: Sequence[Term
                 out, held = [*out, *group], min(held, trial, key=lambda h: h.score)
                 if group is own:
                     break
-    # They stand last, and each has one coefficient. What physics holds at nothing is nothing.
-    x = judge.evidence.fit([*current, *out])
-    values = zip(out, x[len(x) - len(out) :], strict=True)
-    return judge, [t for t, value in values if abs(value) > NOTHING * t.options[HELD]]
+    return out
 
 
 def _missed(judge: Judge, current: Sequence[Term], group: Sequence[Term]) -> bool:
@@ -141,7 +154,7 @@ def _held(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
     has their columns. None of a joint without torque."""
     judge = judge.adding(terms)
     evidence = judge.evidence
-    size = np.sqrt(np.mean(np.concatenate([run.tau for run in evidence.runs]) ** 2, axis=0))
+    size = evidence.problem.torque_size
     out = []
     for term in terms:
         joint, square = term.index, evidence.unit_square(term)
