@@ -32,6 +32,7 @@ from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.narrow import narrowed
 from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
+from hybrid_dynamics.loop.partner import notes_of, partner_open
 from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
 from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
@@ -178,7 +179,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         steps += further
     if chosen != bodies:
         judge, chosen = without_noise(judge, chosen, sure=True)
-    if lost := [*impossible(judge, chosen), *balanced(judge, chosen)]:
+    unknown = partner_open(judge, chosen)
+    if lost := [*impossible(judge, chosen), *balanced(judge, chosen), *unknown]:
         # It could be when it was named, and no longer can beside what came in since.
         rest = [t for t in chosen if t not in lost]
         others = [c for c in candidates if not any(same_place(c, t) for t in lost)]
@@ -187,7 +189,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     chosen = [*given, *(t for t in chosen if t not in given)]
     fitted = refit(judge.adding(given).evidence, chosen)
     judge, beside = all_beside(judge.over(fitted.evidence), chosen, candidates, unsure)
-    return Found(chosen, fitted.x, [], steps, [], judge, start, beside)
+    return Found(chosen, fitted.x, [], steps, notes_of(unknown, judge.evidence.robot.joint_names), judge, start, beside)
 
 
 def with_contacts(found: Found, logs: Logs) -> Found:

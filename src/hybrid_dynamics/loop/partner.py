@@ -1,0 +1,50 @@
+"""Whose motion a coupled torque follows: where another joint's would do as well, no coupling is a finding.
+
+In a few moves from pose to pose all joints begin and end together, and what one of them does is a multiple of what any
+other does, move by move. A torque that a few seconds leave unexplained then follows somebody's motion, and of many
+partners and signs the best one predicts well until the next moves. So a coupling is named where its partner is told
+from every other one that the joint may have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects.law import FROM_JOINT
+from hybrid_dynamics.loop.trace import Judge, same_place
+
+
+def partner_open(judge: Judge, chosen: Sequence[Term]) -> dict[Term, list[str]]:
+    """Those of ``chosen`` that follow another joint's motion, and in whose place a coupling of the same joint to other
+    ones, named here, predicts held-out rows as well. Not a change of what the starting model has."""
+    out = {}
+    for term in chosen:
+        if FROM_JOINT not in term.options or judge.evidence.in_base(term):
+            continue
+        others = _others(judge, term)
+        there = judge.adding(others)
+        full = there.evidence.held(list(chosen), physical=True)
+        rest = [t for t in chosen if t != term]
+        trials = {c: there.evidence.held([*rest, c], physical=True) for c in others}
+        if alike := sorted({str(c.options[FROM_JOINT]) for c, held in trials.items() if there.as_good(held, full)}):
+            out[term] = alike
+    return out
+
+
+def _others(judge: Judge, term: Term) -> list[Term]:
+    """What the joint of ``term`` may follow instead: its family's terms with other partners."""
+    here = np.arange(judge.evidence.n) == term.index
+    listed = term.family().terms(judge.evidence.robot, here, judge.settings.options)
+    return [c for c in listed if c.joint == term.joint and not same_place(c, term)]
+
+
+def notes_of(unknown: dict[Term, list[str]], joints: Sequence[str]) -> list[str]:
+    """One sentence for each coupling that is not named."""
+    return [
+        f"{joints[term.index]}: a torque that follows the motion of {term.options[FROM_JOINT]} as well as that of "
+        f"{', '.join(others)} is no finding: let {joints[term.index]} rest while each of these moves alone"
+        for term, others in unknown.items()
+    ]

@@ -1,0 +1,83 @@
+"""Whose motion a coupled torque follows is told, or no coupling is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.effects import Effect, Term, predict
+from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop.partner import notes_of, partner_open
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+
+LINK = """<link name="l{0}"><inertial><origin xyz=".1 0 0"/><mass value="2"/>
+<inertia ixx=".02" iyy=".03" izz=".03" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="j{0}" type="revolute"><parent link="{1}"/><child link="l{0}"/><origin xyz=".2 0 0"/>
+<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="100" velocity="5"/></joint>"""
+ROBOT = Robot.from_text(
+    '<robot name="three"><link name="base"/>'
+    + "".join(LINK.format(k) + JOINT.format(k, f"l{k - 1}" if k else "base") for k in range(3))
+    + "</robot>",
+    "three joints",
+)
+FORM = {"from_joint": "j1", "rows": "own", "sign_of": "partner"}
+COUPLING = Effect("joint_coupling", ("j0",), {"viscous_coefficient": 0.3, "coulomb_torque": 0.5, "armature": 0.0}, FORM)
+
+
+def log(effects: list[Effect], seed: int, split: str, together: bool) -> Trajectory:
+    """12 s at 200 Hz; ``together``: the last joint makes a multiple of the motion of the one before."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(2400) / 200.0
+    speed = np.array([[0.9, 1.7, 3.1], [1.1, 2.3, 3.7], [0.7, 1.9, 2.9]])
+    phase = rng.uniform(0, 2 * np.pi, (3, 3))
+    q = np.einsum("k,jkt->tj", [0.5, 0.25, 0.1], np.sin(speed[..., None] * time + phase[..., None]))
+    if together:
+        q[:, 2] = -1.3 * q[:, 1]
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(ROBOT, effects, q, dq, np.gradient(dq, time, axis=0), time)
+    signals = {"q": q, "dq": dq, "tau": tau + 0.03 * rng.normal(size=tau.shape)}
+    return Trajectory(f"{split}_{seed}", split, time, signals)
+
+
+def judged(effects: list[Effect], together: bool, start: list[Effect] | None = None) -> tuple[Judge, Term]:
+    settings = LoopSettings()
+    train = [log(effects, seed, "train", together) for seed in (1, 2)]
+    judge, _, _ = gather(Model(ROBOT, tuple(start or ())), read_motion(ROBOT, train, [], settings), settings)
+    term = COUPLING.term(ROBOT)
+    return judge.adding([term]).at([term]), term
+
+
+def test_a_partner_that_another_joint_could_be_is_not_told() -> None:
+    judge, term = judged([COUPLING], together=True)
+    unknown = partner_open(judge, [term])
+    assert unknown == {term: ["j2"]}
+    (note,) = notes_of(unknown, ROBOT.joint_names)
+    assert note.startswith("j0: a torque that follows the motion of j1 as well as that of j2 is no finding")
+    # The control: where the two move each on its own, the partner is the one.
+    judge, term = judged([COUPLING], together=False)
+    assert partner_open(judge, [term]) == {}
+
+
+def test_a_change_of_what_the_starting_model_has_is_not_asked() -> None:
+    judge, term = judged([], together=True, start=[COUPLING])
+    assert partner_open(judge, [term]) == {}
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_the_loop_names_it_where_its_partner_is_told(together: bool) -> None:
+    train, test = ([log([COUPLING], seed, split, together) for seed in seeds]
+                   for split, seeds in (("train", (1, 2)), ("test", (3,))))  # fmt: skip
+    result = close_loop(ROBOT, train, test)
+    named = {(e.effect.effect, e.effect.joints) for e in result.diagnosis.effects}
+    told = [note for note in result.diagnosis.notes if "is no finding: let j0 rest" in note]
+    if together:
+        assert "joint_coupling" not in {effect for effect, _ in named}
+        assert len(told) == 1
+        assert result.diagnosis.verdict in ("partly_explained", "unexplained")
+    else:
+        assert named == {("joint_coupling", ("j0",))}
+        assert told == []
+        assert result.diagnosis.verdict == "explained"
