@@ -119,7 +119,10 @@ def test_a_rise_beside_other_dry_friction_of_its_joint_is_one() -> None:
     judge = judged_with([Effect("stribeck_friction", (SHOULDER,), stribeck(0.0, 1.0, 0.3))], Model(ROBOT))
     judge = judge.adding([rise, plain]).at([rise])
     assert prune.impossible(judge, [rise]) == [rise]
-    assert prune.impossible(judge, [rise, plain]) == []
+    # What there is of the other does not change that: all dry friction of the joint falls to nothing.
+    assert prune.impossible(judge, [rise, plain]) == [rise]
+    judge = judged_with([Effect("stribeck_friction", (SHOULDER,), stribeck(1.0, 2.0, 0.3))], Model(ROBOT))
+    assert prune.impossible(judge.adding([rise, plain]).at([rise]), [rise, plain]) == []
 
 
 @pytest.mark.parametrize("times", [1.0, 1.4])

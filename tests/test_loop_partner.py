@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hybrid_dynamics.effects import Effect, Term, predict
-from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop import LoopSettings, Model, close_loop, partner
 from hybrid_dynamics.loop.partner import notes_of, partner_open
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
@@ -61,9 +63,23 @@ def test_a_partner_that_another_joint_could_be_is_not_told() -> None:
     assert partner_open(judge, [term]) == {}
 
 
-def test_a_change_of_what_the_starting_model_has_is_not_asked() -> None:
-    judge, term = judged([], together=True, start=[COUPLING])
+@pytest.mark.parametrize("form", [FORM, {"from_joint": "j1"}, {"from_joint": "j1", "rows": "both", "sign_of": "sum"}])
+def test_a_change_of_what_the_starting_model_has_is_not_asked(form: dict[str, str]) -> None:
+    start = Effect(COUPLING.effect, COUPLING.joints, COUPLING.parameters, form)
+    judge, term = judged([], together=True, start=[start])
     assert partner_open(judge, [term]) == {}
+
+
+def test_a_partner_that_is_surely_worse_is_told_however_small_the_difference() -> None:
+    """What a joint is off by before anything is asked says nothing of which partner it is."""
+    judge, term = judged([COUPLING], together=False)
+    much = np.full(3, 1.0)
+    assert partner_open(replace(judge, misfit=much), [term]) == {}
+    # The control: nothing that is asked for by size would see a difference beside such a misfit.
+    others = partner._others(judge, term)
+    there = replace(judge.adding(others), misfit=much)
+    full = there.evidence.held([term], physical=True)
+    assert any(there.as_good(there.evidence.held([c], physical=True), full) for c in others)
 
 
 @pytest.mark.parametrize("together", [True, False])

@@ -279,8 +279,9 @@ class Family(Law):
         """By how much coordinates ``x`` (p,) change single bodies, (10,) each: of these there is a most that can be."""
         return []
 
-    def is_none(self, x: Array, term: Term) -> bool:
-        """True where coordinates ``x`` (p,) within their bounds are still no such effect: it stands for another."""
+    def is_none(self, x: Array, term: Term, dry_friction: float) -> bool:
+        """True where coordinates ``x`` (p,) within their bounds are still no such effect, on a joint that has so much
+        other ``dry_friction`` [N m]: it stands for another."""
         return False
 
     # -- published parameters -----------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 """Stribeck friction: tau = (Fc + (Fs - Fc) exp(-(dq/vs)^2)) sign(dq), Fs >= Fc >= 0.
 
 Coordinates (Fc, Fs - Fc); the Stribeck velocity vs is refined. A vs inside the stick band cannot be told from Coulomb
-friction: rows slower than the band have no say. What falls to less than a tenth of itself is something else that slow
-motion shows alone: where the joint moves faster it would be without friction.
+friction: rows slower than the band have no say. Where all dry friction of a joint falls to less than a tenth it is
+something else, of slow motion alone: where the joint moves faster it would be without friction.
 """
 
 from __future__ import annotations
@@ -76,10 +76,11 @@ class StribeckFriction(Family):
     def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(2)
 
-    def is_none(self, x: Array, term: Term) -> bool:
-        """A friction that is next to nothing in faster motion: seen in slow motion alone, anything that falls makes
-        it, and where the joint moves faster it would have none."""
-        return bool(_MOST_FALL * x[0] < x[0] + x[1])
+    def is_none(self, x: Array, term: Term, dry_friction: float) -> bool:
+        """All dry friction of the joint together next to nothing in faster motion: seen in slow motion alone, anything
+        that falls makes it, and where the joint moves faster it would have none."""
+        moving = x[0] + dry_friction
+        return bool(_MOST_FALL * moving < moving + x[1])
 
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return {

@@ -14,23 +14,29 @@ import numpy as np
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.law import FROM_JOINT
-from hybrid_dynamics.loop.trace import Judge, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, Judge, same_place
 
 
 def partner_open(judge: Judge, chosen: Sequence[Term]) -> dict[Term, list[str]]:
     """Those of ``chosen`` that follow another joint's motion, and in whose place a coupling of the same joint to other
-    ones, named here, predicts held-out rows as well. Not a change of what the starting model has."""
+    ones, named here, predicts held-out rows not surely worse. Not a change of what the starting model has.
+
+    Surely: as what counts at any size, since the one that is named is the best of several partners and signs; that the
+    two differ by little does not say which of them it is.
+    """
     out = {}
+    known = judge.evidence.problem.base_places
     for term in chosen:
-        if FROM_JOINT not in term.options or judge.evidence.in_base(term):
+        if FROM_JOINT not in term.options or any(same_place(term, base) for base in known):
             continue
         others = _others(judge, term)
         there = judge.adding(others)
         full = there.evidence.held(list(chosen), physical=True)
         rest = [t for t in chosen if t != term]
-        trials = {c: there.evidence.held([*rest, c], physical=True) for c in others}
-        if alike := sorted({str(c.options[FROM_JOINT]) for c, held in trials.items() if there.as_good(held, full)}):
-            out[term] = alike
+        gains = {c: there.gain(there.evidence.held([*rest, c], physical=True), full, full) for c in others}
+        alike = {str(c.options[FROM_JOINT]) for c, gain in gains.items() if -gain.total <= DECISIVE * gain.error}
+        if alike:
+            out[term] = sorted(alike)
     return out
 
 

@@ -8,7 +8,7 @@ counts (:func:`choose`), the simpler one where both predict as well.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -241,22 +241,30 @@ def impossible(judge: Judge, current: Sequence[Term]) -> list[Term]:
     outside its limits, coordinates that are no such law."""
     evidence = judge.evidence
     x, layout, robot = evidence.fit(current), evidence.layout(current), evidence.robot
+    starts = dict(zip(layout.terms, layout.starts, strict=True))
     out = []
-    for term, start in zip(layout.terms, layout.starts, strict=True):
+    for term, start in starts.items():
         own = x[start : start + term.size]
         bodies = term.family().inertial_changes(own, robot, term)
-        none = not _beside_dry(evidence, current, term) and term.family().is_none(own, term)
+        none = term.family().is_none(own, term, _dry_beside(evidence, starts, x, term))
         if none or any(cannot_be(robot, change) for change in bodies) or _outside(evidence, term, own):
             out.append(term)
     return out
 
 
-def _beside_dry(evidence: Evidence, current: Sequence[Term], term: Term) -> bool:
-    """True where the joint of ``term`` has other dry friction, in ``current`` or in the starting model, of which its
-    own may be a change, or what that lacks."""
-    others = [*(t for t in current if t != term), *evidence.problem.base_places]
-    dry = [t for t in others if t.family().is_friction and not t.family().viscous_powers]
-    return any(t.joint == term.joint for t in dry)
+def _dry_beside(evidence: Evidence, starts: Mapping[Term, int], x: Array, term: Term) -> float:
+    """Dry friction [N m] that the joint of ``term`` has beside it: of the other terms, which begin at ``starts`` in
+    coordinates ``x``, and of the starting model, of which that of ``term`` may be a change. Without end where it
+    follows the load."""
+    known = evidence.problem.base_places
+    parts = [(t, x[start : start + t.size]) for t, start in starts.items() if t != term]
+    total = 0.0
+    for other, own in [*parts, *known.items()]:
+        kind = other.family()
+        if other.joint == term.joint and kind.is_friction and not kind.viscous_powers:
+            named = kind.in_descriptions(kind.parameters_of(own, evidence.robot, other), other.options)
+            total += named.get("dry_friction", np.inf)
+    return total
 
 
 def _outside(evidence: Evidence, term: Term, x: Array) -> bool:
