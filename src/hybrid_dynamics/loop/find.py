@@ -42,6 +42,7 @@ from hybrid_dynamics.loop.signs import choose_signs
 from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.loop.trace import LEFT, Judge, has_all_links, same_place
+from hybrid_dynamics.loop.weighing import as_left, weighed_by
 from hybrid_dynamics.loop.widen import widened
 from hybrid_dynamics.types import Array
 
@@ -125,7 +126,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, lower = _lower_floor(judge, chosen)
         if lower is None:
             break
-        judge, further = search(_weighed(judge, lower), candidates, report, chosen)
+        judge, further = search(weighed_by(judge, lower), candidates, report, chosen)
         steps += further
         chosen = list(further[-1].terms)
     judge, chosen, offered, further = _with_the_rest(judge, chosen, candidates, report)
@@ -188,7 +189,10 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     judge, chosen = with_rest(*one_for_two(judge, chosen))
     chosen = [*given, *(t for t in chosen if t not in given)]
     fitted = refit(judge.adding(given).evidence, chosen)
-    judge, beside = all_beside(judge.over(fitted.evidence), chosen, candidates, unsure)
+    judge = as_left(judge.over(fitted.evidence), chosen)
+    judge, beside = all_beside(judge, chosen, candidates, unsure)
+    judge = as_left(judge, [*chosen, *beside])
+    fitted = refit(judge.evidence, chosen)
     return Found(chosen, fitted.x, [], steps, notes_of(unknown, judge.evidence.robot.joint_names), judge, start, beside)
 
 
@@ -332,7 +336,7 @@ def _with_the_rest(
         judge, lower = _lower_floor(judge, chosen) if left else (judge, None)
         if lower is None:
             break
-        judge = _weighed(judge, lower)
+        judge = weighed_by(judge, lower)
     return judge, chosen, asked[len(candidates) :], steps
 
 
@@ -353,11 +357,6 @@ def beside_loud(
     there, found, steps = _refined(quiet, chosen, candidates, report)
     quiet, found = choose([(there, found), (quiet, list(chosen))])
     return quiet, found, steps
-
-
-def _weighed(judge: Judge, floor: Array) -> Judge:
-    """``judge`` who weighs joints by ``floor`` (n,) [N m]."""
-    return replace(judge, floor=floor, evidence=judge.evidence.weigh(floor))
 
 
 def _lower_floor(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, Array | None]:
