@@ -280,8 +280,8 @@ class Family(Law):
         return []
 
     def is_none(self, x: Array, term: Term, dry_friction: float) -> bool:
-        """True where coordinates ``x`` (p,) within their bounds are still no such effect, on a joint that has so much
-        other ``dry_friction`` [N m]: it stands for another."""
+        """True where coordinates ``x`` (p,) within their bounds are still no such effect, on a joint that in motion has
+        ``dry_friction`` [N m] in all, its own included: it stands for another."""
         return False
 
     # -- published parameters -----------------------------------------------------------------------------------------

@@ -79,8 +79,7 @@ class StribeckFriction(Family):
     def is_none(self, x: Array, term: Term, dry_friction: float) -> bool:
         """All dry friction of the joint together next to nothing in faster motion: seen in slow motion alone, anything
         that falls makes it, and where the joint moves faster it would have none."""
-        moving = x[0] + dry_friction
-        return bool(_MOST_FALL * moving < moving + x[1])
+        return bool(_MOST_FALL * dry_friction < dry_friction + x[1])
 
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return {

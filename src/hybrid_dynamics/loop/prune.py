@@ -8,7 +8,7 @@ counts (:func:`choose`), the simpler one where both predict as well.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from hybrid_dynamics.effects.inertia import cannot_be
 from hybrid_dynamics.loop.augment import effects_of, refit
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
+from hybrid_dynamics.loop.layout import Layout
 from hybrid_dynamics.loop.search import Step, better_settings, step_of
 from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.loop.trace import DECISIVE, NIBBLE_KEPT, Gain, Judge, joined, rank, same_place
@@ -241,29 +242,27 @@ def impossible(judge: Judge, current: Sequence[Term]) -> list[Term]:
     outside its limits, coordinates that are no such law."""
     evidence = judge.evidence
     x, layout, robot = evidence.fit(current), evidence.layout(current), evidence.robot
-    starts = dict(zip(layout.terms, layout.starts, strict=True))
+    dry = _dry_friction(evidence, layout, x)
     out = []
-    for term, start in starts.items():
+    for term, start in zip(layout.terms, layout.starts, strict=True):
         own = x[start : start + term.size]
         bodies = term.family().inertial_changes(own, robot, term)
-        none = term.family().is_none(own, term, _dry_beside(evidence, starts, x, term))
+        none = term.joint is not None and term.family().is_none(own, term, float(dry[term.joint]))
         if none or any(cannot_be(robot, change) for change in bodies) or _outside(evidence, term, own):
             out.append(term)
     return out
 
 
-def _dry_beside(evidence: Evidence, starts: Mapping[Term, int], x: Array, term: Term) -> float:
-    """Dry friction [N m] that the joint of ``term`` has beside it: of the other terms, which begin at ``starts`` in
-    coordinates ``x``, and of the starting model, of which that of ``term`` may be a change. Without end where it
-    follows the load."""
-    known = evidence.problem.base_places
-    parts = [(t, x[start : start + t.size]) for t, start in starts.items() if t != term]
-    total = 0.0
-    for other, own in [*parts, *known.items()]:
-        kind = other.family()
-        if other.joint == term.joint and kind.is_friction and not kind.viscous_powers:
-            named = kind.in_descriptions(kind.parameters_of(own, evidence.robot, other), other.options)
-            total += named.get("dry_friction", np.inf)
+def _dry_friction(evidence: Evidence, layout: Layout, x: Array) -> Array:
+    """(n,) [N m] dry friction of every joint in motion, by coordinates ``x`` of ``layout`` and by the starting model,
+    of which those may be a change. Without end where it follows the load."""
+    parts = [(t, x[start : start + t.size]) for t, start in zip(layout.terms, layout.starts, strict=True)]
+    total = np.zeros(evidence.n)
+    for term, own in [*parts, *evidence.problem.base_places.items()]:
+        kind = term.family()
+        if term.joint is not None and kind.is_friction and not kind.viscous_powers:
+            named = kind.in_descriptions(kind.parameters_of(own, evidence.robot, term), term.options)
+            total[term.joint] += named.get("dry_friction", np.inf)
     return total
 
 

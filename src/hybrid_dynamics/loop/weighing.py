@@ -25,12 +25,17 @@ def weighed_by(judge: Judge, floor: Array) -> Judge:
     return replace(judge, floor=floor, evidence=judge.evidence.weigh(floor))
 
 
+def counting_by(judge: Judge, left: Array) -> Judge:
+    """``judge`` who weighs joints by what is ``left`` of them (n,) [N m], where that is more than their floor."""
+    floor = np.where(judge.floor > 0, np.maximum(judge.floor, left), 0.0)
+    return replace(judge, evidence=judge.evidence.weigh(floor))
+
+
 def as_left(judge: Judge, terms: Sequence[Term]) -> Judge:
     """``judge`` who weighs every joint by what a fit of ``terms`` leaves of it (root mean square, training runs), where
     that is more than its floor."""
     for _ in range(REWEIGHTINGS):
         evidence = judge.evidence
         square = evidence.errors(terms, evidence.fit(terms)).sum(axis=0) / np.maximum(evidence.samples, 1)
-        left = np.where(judge.floor > 0, np.maximum(judge.floor, np.sqrt(square)), 0.0)
-        judge = replace(judge, evidence=evidence.weigh(left))
+        judge = counting_by(judge, np.sqrt(square))
     return judge

@@ -13,7 +13,6 @@ much as an effect must to come in. The other way round: :mod:`.narrow`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from hybrid_dynamics.loop.beside import beside_links, plain_beside
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge, covers, joined
+from hybrid_dynamics.loop.weighing import counting_by
 from hybrid_dynamics.types import Array
 
 #: A link that differs by more than this multiple of a plausible change (half its mass, shifted by its own size) is
@@ -85,8 +85,7 @@ def as_likely(judge: Judge, links: Held, few: Held) -> bool:
     A joint counts by what both leave of it: by what the few leave, one that they do not explain would hardly count.
     """
     both = np.sqrt(0.5 * (judge.mean_square(links) + judge.mean_square(few)))
-    floor = np.where(judge.floor > 0, np.maximum(judge.floor, both), 0.0)
-    fair = replace(judge, evidence=judge.evidence.weigh(floor))
+    fair = counting_by(judge, both)
     return fair.as_good(links, few, judge.settings.gain_in_errors)
 
 
