@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from hybrid_dynamics.loop import problem as problem_module
 from hybrid_dynamics.loop import trace as trace_module
 from hybrid_dynamics.loop.augment import Refit, refit
 from hybrid_dynamics.loop.blocks import folds_of
-from hybrid_dynamics.loop.complete import complete
+from hybrid_dynamics.loop.complete import _where_it_fits, complete
 from hybrid_dynamics.loop.confirm import test_change as change_on_tests
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.find import Found, find
@@ -114,6 +115,22 @@ def test_an_offset_of_practical_size_beside_a_body_is_named(offset: float, named
     assert not [t for t in completed if t not in (body, constant)]
 
 
+@pytest.mark.parametrize("where", [SHOULDER, ELBOW])
+def test_what_comes_in_beside_a_body_goes_to_the_joint_that_has_it(where: str) -> None:
+    hidden = [Effect("link_mass", (ELBOW,), {"mass": 2.5}), Effect("torque_offset", (where,), {"offset": 0.06})]
+    judge, terms = judged(hidden)
+    body = Term("link_mass", 1)
+    judge = judge.adding([body])
+    right, wrong = (
+        plain("torque_offset", ROBOT.joint_names.index(j), terms) for j in (where, *{SHOULDER, ELBOW} - {where})
+    )
+    assert _where_it_fits(judge, [body, wrong], wrong, terms) == [body, right]
+    assert _where_it_fits(judge, [body, right], right, terms) == [body, right]
+    # Control: beside what acts on one joint alone there is nothing that could have taken it up, and it is not asked.
+    friction = plain("viscous_friction", 0, terms)
+    assert _where_it_fits(judge, [friction, wrong], wrong, terms) == [friction, wrong]
+
+
 def test_a_name_that_spoils_one_far_run_is_contradicted() -> None:
     # Right where it was learned, far off in one test run: its own error there is no noise that excuses it.
     judge, _ = judged([])
@@ -146,6 +163,28 @@ def test_a_joint_whose_floor_is_tiny_does_not_speak_for_the_others() -> None:
     assert change.relative < 0
     # Control: what spoils one joint and helps none is contradicted.
     assert change_on_tests(blind, judge.evidence.runs, Model(ROBOT).adding([drag]), bare, 1).contradicts
+
+
+def test_a_joint_ends_worse_only_where_the_test_can_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, _ = judged([])
+    block, rate = judge.settings.block, 50.0
+
+    def worse(times: int, off: float) -> list[bool]:
+        """Of a test of ``times`` thrice a block, what is left now this and now that way; the elbow ``off`` by so
+        much of it."""
+        rows = int(block * rate)
+        left, moved = np.tile(np.repeat([1.0, 1.0, -1.0], rows), times)[:, None] * np.ones(2), np.array([0.0, off])
+        model = Model(ROBOT).adding([Effect("torque_offset", (ELBOW,), {"offset": off})])
+        monkeypatch.setattr(confirm_module, "moving_errors", lambda m, _: [left + bool(m.effects) * moved])
+        test: Any = SimpleNamespace(time=np.arange(len(left)) / rate)
+        return [bool(w) for w in confirm_module._ends_worse(judge, Model(ROBOT), model, [test])]
+
+    # Worse by 29 +- 35 %; the same of a long test is 29 +- 11 %; and what is far off shows in little.
+    assert worse(1, 0.3) == [False, False]
+    assert worse(10, 0.3) == [False, True]
+    assert worse(1, 3.0) == [False, True]
+    # Control: what is as sure, and hardly worse, is not worse.
+    assert worse(1000, 0.03) == [False, False]
 
 
 def test_an_effect_that_helps_its_joint_is_not_contradicted_by_another_joint(monkeypatch: pytest.MonkeyPatch) -> None:

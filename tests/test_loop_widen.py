@@ -141,11 +141,19 @@ def test_links_that_the_starting_model_has_identified_take_no_body_s_place() -> 
     assert widened(there, first_link(there))[1] == first_link(there)
 
 
-def test_all_links_come_in_no_one_s_place_only_by_the_search() -> None:
-    judge, _ = rippled(SHOULDER, ELBOW)
+def test_where_no_link_is_named_all_links_come_in_as_any_effect_does() -> None:
+    ripple = {"harmonic": 6.0, "amplitude": 0.5, "phase": 0.3}
+    # All links are off by a little, and none so much that it was named.
+    judge, (every,), _ = judged([links(0.15), Effect("torque_ripple", (SHOULDER,), ripple)])
     friction = [t for t in judge.evidence.terms if t.effect == "viscous_friction"]
     assert judge.mostly_left(judge.evidence.held(friction, physical=True))
-    assert widened(judge, friction)[1] == friction
+    assert widened(judge, friction, judge.evidence.terms)[1] == [*friction, every]
+    # Control: what all links leave is not surely less than what friction does.
+    judge, _ = rippled(SHOULDER, ELBOW)
+    assert judge.mostly_left(judge.evidence.held(friction, physical=True))
+    assert widened(judge, friction, judge.evidence.terms)[1] == friction
+    # Control: beside no name there is nothing that could have stood for them.
+    assert widened(judge, [], judge.evidence.terms)[1] == []
 
 
 def test_friction_that_is_missing_on_both_sides_speaks_for_none() -> None:

@@ -45,7 +45,25 @@ def complete(
     sits = Counter(s.effect for s in out if s.joint is not None and s.family().everywhere)
     for name in sorted(on_most(sits, len(moving)) | set(common)):
         out = _with_sure(judge, out, candidates, [(name, j) for j in moving])
+    judge = judge.at(out)
+    for term in [t for t in out if t not in chosen]:
+        out = _where_it_fits(judge, out, term, candidates)
     return judge.at(out), out
+
+
+def _where_it_fits(judge: Judge, chosen: list[Term], term: Term, candidates: Sequence[Term]) -> list[Term]:
+    """``chosen`` with ``term``, which has come in, on the joint that held-out rows are predicted best with.
+
+    A body loads several joints: a constant torque of one that it has taken up is missed on another, and looks sure
+    there. The joints are asked in their order, and the first that asks is not the one that has it.
+    """
+    if not any(judge.evidence.acts(t).sum() > 1 for t in chosen):
+        return chosen
+    rest = [t for t in chosen if t != term]
+    others = {c.joint for c in candidates if c.effect == term.effect and c.joint not in (None, term.joint)}
+    offered = [c for j in sorted(others) for c in _lacking(judge, rest, candidates, term.effect, j)]
+    trials = [chosen, *([*rest, c] for c in offered)]
+    return min(trials, key=lambda t: judge.evidence.held(t, physical=True).score)
 
 
 def _with_sure(

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term
@@ -22,8 +23,9 @@ from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.trace import PRACTICAL, Judge, difference_error, same_place
 from hybrid_dynamics.types import Array
 
-#: A joint ends worse than it began where its mean square grows by more than this share.
-WORSE = 0.05
+#: A joint ends worse than it began where its mean square grows by more than this share, and than so many of its
+#: standard errors: of its names the training runs were sure, and a second or two of a test is not.
+WORSE, WORSE_IN_ERRORS = 0.05, 1.0
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,7 @@ def _filled(
     judge, beside = all_beside(judge.at(kept), kept, offered, unsure)
     beside = [t for t in beside if not any(same_place(t.as_finding, r) for r in refused)]
     other = replace(found, terms=list(kept), judge=judge, beside=beside).model(kept)
-    ends = [test_change(judge, tests, m, base, 1).per_joint > WORSE for m in (other, model)]
+    ends = [_ends_worse(judge, base, m, tests) for m in (other, model)]
     better = test_change(judge, tests, other, model, 1).relative < 0
     return other if better and not np.any(ends[0] & ~ends[1]) else model
 
@@ -149,6 +151,13 @@ def _helps_its_joint(term: Term, change: TestChange) -> bool:
     return bool(change.per_joint[term.joint] < -PRACTICAL)
 
 
+def _ends_worse(judge: Judge, base: Model, model: Model, tests: Sequence[Run]) -> NDArray[np.bool_]:
+    """(n,) joints of which ``model`` leaves more of ``tests`` than ``base``: by :data:`WORSE`, and beyond doubt."""
+    new, old = (moving_errors(m, tests) for m in (model, base))
+    alone = [change_of(judge, new, old, tests, own, 1) for own in np.eye(judge.evidence.n)]
+    return np.array([c.relative > max(WORSE, WORSE_IN_ERRORS * c.error) for c in alone])
+
+
 def _worse_joints(
     judge: Judge,
     base: Model,
@@ -161,7 +170,6 @@ def _worse_joints(
 
     A name of another joint that makes them so goes where it helps neither its own joint nor the whole.
     """
-    change = test_change(judge, tests, model, base, 1)
-    worse = np.flatnonzero(change.per_joint > WORSE)
+    worse = np.flatnonzero(_ends_worse(judge, base, model, tests))
     harmful = [s for s in kept if np.any(asked[s].per_joint[worse] > PRACTICAL)]
     return [s for s in harmful if s.joint in worse or (asked[s].relative > 0 and not _helps_its_joint(s, asked[s]))]

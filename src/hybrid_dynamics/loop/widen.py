@@ -7,7 +7,9 @@ bodies are named, each as it could be, a URDF that is approximate everywhere is 
 they predict better by a standard error, not by the several that an effect beside others must gain. And where most
 joints of an arm whose links were never identified are left with more than their floor, the link that is named is not
 all that is off: all links, with the friction that no few seconds prove, take its place unless it predicts better by as
-much as an effect must to come in. The other way round: :mod:`.narrow`.
+much as an effect must to come in. Where no link is named there, none alone has been sure, and every joint's name has
+stood for its share of what links weigh: all links together come in as any effect does. The other way round:
+:mod:`.narrow`.
 """
 
 from __future__ import annotations
@@ -37,14 +39,15 @@ BETTER = 1.0
 
 def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = ()) -> tuple[Judge, list[Term]]:
     """``chosen`` with all links' parameters in the place of bodies, where one of these is beyond belief, several are
-    named, or most joints are left with more than their floor.
+    named, or most joints are left with more than their floor; in the last case also where no body is named.
 
     What is estimated beside all links stands beside them here: a link bends itself for a constant torque. So does, on
     both sides, the friction of ``candidates`` that is missing.
     """
     links = [t for t in judge.evidence.terms if t.family().all_links]
-    if not links or links[0] in chosen or not any(covers(links[0], t) for t in chosen):
+    if not links or not chosen or links[0] in chosen:
         return judge, list(chosen)
+    covered = any(covers(links[0], t) for t in chosen)
     bodies = [t for t in chosen if t.family().is_body]
     fitted = refit(judge.evidence, chosen)
     judge = judge.over(fitted.evidence)
@@ -58,10 +61,11 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     judge, plain = plain_beside(judge, [*trial, *beside], candidates)
     together = [*trial, *beside, *plain]
     after = judge.evidence.held(together, physical=True)
-    if left:
+    if left and covered:
         good = as_likely(judge, after, before)
     else:
-        good = judge.news(after, before).surer_than(0.0 if unbelieved else BETTER)
+        errors = BETTER if covered else judge.settings.gain_in_errors
+        good = judge.news(after, before).surer_than(0.0 if unbelieved else errors)
     there = take(judge, chosen, together) if good else None
     return (judge, list(chosen)) if there is None else (there, trial)
 
