@@ -393,13 +393,13 @@ def test_what_comes_in_that_place_makes_no_joint_worse_than_it_began(monkeypatch
     found = Found([right], refit(judge.evidence, [right]).x, [], [], [], judge, judge.evidence.base)
     model, base = found.model([right]), Model(ROBOT)
     change = confirm_module.TestChange
-    for taken in (True, False):
+    for worse, taken in ((0.0, True), (0.2, False)):
 
-        def ends(_: object, __: Model, new: Model, ___: object, worse: bool = not taken) -> object:
-            return np.array([False, worse and new is not model])
+        def asked(_: object, __: object, new: Model, old: Model, ___: int, worse: float = worse) -> object:
+            grown = worse if old is base and new is not model else 0.0
+            return change(-0.5, 0.01, False, np.array([0.0, grown]))
 
-        monkeypatch.setattr(confirm_module, "test_change", lambda *_: change(-0.5, 0.01, False, np.zeros(2)))
-        monkeypatch.setattr(confirm_module, "_ends_worse", ends)
+        monkeypatch.setattr(confirm_module, "test_change", asked)
         runs = judge.evidence.runs
         other = confirm_module._filled(judge, base, found, [right], model, runs, terms)
         assert (other is not model) == taken

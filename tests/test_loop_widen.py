@@ -12,6 +12,7 @@ from tests.test_loop_beside import ELBOW, FEW_POSES, ROBOT, SHOULDER, errors, ju
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
 from hybrid_dynamics.loop import LoopSettings
+from hybrid_dynamics.loop import widen as widen_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links
 from hybrid_dynamics.loop.prepare import gather, read_motion
@@ -148,6 +149,9 @@ def test_where_no_link_is_named_all_links_come_in_as_any_effect_does() -> None:
     friction = [t for t in judge.evidence.terms if t.effect == "viscous_friction"]
     assert judge.mostly_left(judge.evidence.held(friction, physical=True))
     assert widened(judge, friction, judge.evidence.terms)[1] == [*friction, every]
+    # Control: where more is asked of an effect, more is asked of them (their gain is 2.5 errors).
+    strict = replace(judge, settings=replace(judge.settings, gain_in_errors=3.0))
+    assert widened(strict, friction, judge.evidence.terms)[1] == friction
     # Control: what all links leave is not surely less than what friction does.
     judge, _ = rippled(SHOULDER, ELBOW)
     assert judge.mostly_left(judge.evidence.held(friction, physical=True))
@@ -201,3 +205,15 @@ def _gain_of(joints: NDArray[np.bool_] | None) -> tuple[float, float, Array, int
     """A gain that is sure, all of it on the second joint, of (.5 N m)^2."""
     counts = joints is None or bool(joints[1])
     return 1e5 * counts, 1.0, np.array([0.0, 0.25]), 10
+
+
+def test_links_that_would_have_to_be_others_do_not_stand_for_what_has_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The links are right, and ripple of both joints is left: in few poses they would make its torque, and twice as
+    # heavy as they are they would be far off elsewhere.
+    judge, (every,), _ = judged(hidden_ripple(SHOULDER, ELBOW)[1:])
+    friction = [t for t in judge.evidence.terms if t.effect == "viscous_friction"]
+    assert judge.mostly_left(judge.evidence.held(friction, physical=True))
+    assert widened(judge, friction, judge.evidence.terms)[1] == friction
+    # Control: by their gain alone, nearly three errors, they would have come in.
+    monkeypatch.setattr(widen_module, "PLAUSIBLE", np.inf)
+    assert widened(judge, friction, judge.evidence.terms)[1] == [*friction, every]

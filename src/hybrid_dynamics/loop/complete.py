@@ -36,34 +36,56 @@ def complete(
     expected.
     """
     evidence = judge.evidence
-    out = list(chosen)
     moving = [int(j) for j in np.flatnonzero(evidence.samples >= FEWEST_ROWS)]
     plain = sorted({t.effect for t in evidence.terms if t.family().everywhere})
+    places = [(n, j) for n in plain for j in moving]
+    together = list(chosen)
     for joint in moving:
-        out = _together(judge, out, candidates, plain, joint)
-    out = _with_sure(judge, out, candidates, [(n, j) for n in plain for j in moving], sizeable=True)
+        together = _together(judge, together, candidates, plain, joint)
+    placed = _where_they_fit(judge, chosen, together, candidates, places)
+    out = _with_sure(judge, placed, candidates, places, sizeable=True)
+    out = _where_they_fit(judge, placed, out, candidates, places)
     sits = Counter(s.effect for s in out if s.joint is not None and s.family().everywhere)
     for name in sorted(on_most(sits, len(moving)) | set(common)):
         out = _with_sure(judge, out, candidates, [(name, j) for j in moving])
-    judge = judge.at(out)
-    for term in [t for t in out if t not in chosen]:
-        out = _where_it_fits(judge, out, term, candidates)
     return judge.at(out), out
 
 
-def _where_it_fits(judge: Judge, chosen: list[Term], term: Term, candidates: Sequence[Term]) -> list[Term]:
-    """``chosen`` with ``term``, which has come in, on the joint that held-out rows are predicted best with.
+def _where_they_fit(
+    judge: Judge,
+    before: Sequence[Term],
+    after: list[Term],
+    candidates: Sequence[Term],
+    places: Sequence[tuple[str, int]],
+) -> list[Term]:
+    """``after`` with each of what has come in since ``before`` on that joint of ``places`` that held-out rows are
+    predicted best with, among those on which it is as sure and as large.
 
     A body loads several joints: a constant torque of one that it has taken up is missed on another, and looks sure
     there. The joints are asked in their order, and the first that asks is not the one that has it.
     """
-    if not any(judge.evidence.acts(t).sum() > 1 for t in chosen):
+    for term in [t for t in after if t not in before]:
+        after = _where_it_fits(judge, after, term, candidates, places)
+    return after
+
+
+def _where_it_fits(
+    judge: Judge, chosen: list[Term], term: Term, candidates: Sequence[Term], places: Sequence[tuple[str, int]]
+) -> list[Term]:
+    """``chosen`` with ``term`` on the joint of ``places`` that it fits."""
+    evidence = judge.evidence
+    if not any(t.family().changes_body and evidence.acts(t).sum() > 1 for t in chosen):
         return chosen
     rest = [t for t in chosen if t != term]
-    others = {c.joint for c in candidates if c.effect == term.effect and c.joint not in (None, term.joint)}
-    offered = [c for j in sorted(others) for c in _lacking(judge, rest, candidates, term.effect, j)]
-    trials = [chosen, *([*rest, c] for c in offered)]
-    return min(trials, key=lambda t: judge.evidence.held(t, physical=True).score)
+    elsewhere = [(name, joint) for name, joint in places if name == term.effect and joint != term.joint]
+    trials = [_with_sure(judge, rest, candidates, [place], sizeable=True, of=len(places)) for place in elsewhere]
+
+    def score(terms: list[Term]) -> float:
+        return evidence.held(terms, physical=True).score
+
+    best = min((t for t in trials if len(t) > len(rest)), key=score, default=chosen)
+    # Worse than none, either may be: then no other joint is better for being nothing.
+    return best if score(best) < min(score(chosen), score(rest)) else chosen
 
 
 def _with_sure(
@@ -72,11 +94,14 @@ def _with_sure(
     candidates: Sequence[Term],
     places: Sequence[tuple[str, int]],
     sizeable: bool = False,
+    of: int | None = None,
 ) -> list[Term]:
-    """``chosen`` with those of ``places`` (family, joint) whose coefficient is sure at the level of so many.
+    """``chosen`` with those of ``places`` (family, joint) whose coefficient is sure at the level of so many, or ``of``
+    more that they are a part of.
 
     ``sizeable``: only those whose torque is of practical size.
     """
+    asked = of or len(places)
     evidence, out = judge.evidence, chosen
     for name, joint in places:
         offered = _lacking(judge, out, candidates, name, joint)
@@ -87,7 +112,7 @@ def _with_sure(
         x = evidence.fit(best)
         spread = float(np.sqrt(max(covariance_with_settings(evidence, best, x)[len(x) - 1, len(x) - 1], 0.0)))
         gain = judge.gain(evidence.held(best, physical=True), evidence.held(out, physical=True))
-        sure = abs(x[-1]) > judge.level(len(places), gain.blocks) * spread and gain.total > -gain.error
+        sure = abs(x[-1]) > judge.level(asked, gain.blocks) * spread and gain.total > -gain.error
         if sure and (not sizeable or judge.shows(best[-1], float(x[-1]))):
             out = best
     return out

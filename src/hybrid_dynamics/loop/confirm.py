@@ -136,7 +136,8 @@ def _filled(
     judge, beside = all_beside(judge.at(kept), kept, offered, unsure)
     beside = [t for t in beside if not any(same_place(t.as_finding, r) for r in refused)]
     other = replace(found, terms=list(kept), judge=judge, beside=beside).model(kept)
-    ends = [_ends_worse(judge, base, m, tests) for m in (other, model)]
+    # Of these nobody was sure: what shows of a loss is enough.
+    ends = [test_change(judge, tests, m, base, 1).per_joint > WORSE for m in (other, model)]
     better = test_change(judge, tests, other, model, 1).relative < 0
     return other if better and not np.any(ends[0] & ~ends[1]) else model
 

@@ -7,9 +7,9 @@ bodies are named, each as it could be, a URDF that is approximate everywhere is 
 they predict better by a standard error, not by the several that an effect beside others must gain. And where most
 joints of an arm whose links were never identified are left with more than their floor, the link that is named is not
 all that is off: all links, with the friction that no few seconds prove, take its place unless it predicts better by as
-much as an effect must to come in. Where no link is named there, none alone has been sure, and every joint's name has
-stood for its share of what links weigh: all links together come in as any effect does. The other way round:
-:mod:`.narrow`.
+much as an effect must to come in. Where no link is named there, none alone may have been sure: all links come in where
+held-out samples gain by them what an effect must, and each stays within a plausible change. Links that do not stand for
+what else has no name on these joints. The other way round: :mod:`.narrow`.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ from hybrid_dynamics.types import Array
 #: A link that differs by more than this multiple of a plausible change (half its mass, shifted by its own size) is
 #: not believed: one of twice its mass is.
 BELIEVED = 2.0
+#: And where nothing but what is left on the joints speaks of links, more than one such change is not.
+PLAUSIBLE = 1.0
 #: Of the ten parameters mass and first moment: inertias show in accelerations, in a short run hardly.
 WEIGHED = 4
 #: Standard errors by which held-out samples must be predicted better where several bodies are named, all believed.
@@ -63,11 +65,19 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     after = judge.evidence.held(together, physical=True)
     if left and covered:
         good = as_likely(judge, after, before)
+    elif covered:
+        good = judge.news(after, before).surer_than(0.0 if unbelieved else BETTER)
     else:
-        errors = BETTER if covered else judge.settings.gain_in_errors
-        good = judge.news(after, before).surer_than(0.0 if unbelieved else errors)
+        good = judge.news(after, before).surer_than(judge.settings.gain_in_errors) and _plausible(judge, together)
     there = take(judge, chosen, together) if good else None
     return (judge, list(chosen)) if there is None else (there, trial)
+
+
+def _plausible(judge: Judge, terms: Sequence[Term]) -> bool:
+    """True where no link that ``terms`` re-identify is off by more than :data:`PLAUSIBLE` changes."""
+    fitted = refit(judge.evidence, terms)
+    every = [t for t in terms if t.family().all_links]
+    return _largest_change(judge.over(fitted.evidence), terms, every, fitted.x) <= PLAUSIBLE
 
 
 def too_few(judge: Judge, few: Sequence[Term], many: Sequence[Term], candidates: Sequence[Term]) -> bool:
@@ -111,11 +121,17 @@ def beyond_belief(judge: Judge, chosen: Sequence[Term], x: Array) -> float:
     differ from, and all links together are what this is asked in favour of. Not the measure of :mod:`.balanced`, which
     takes all ten numbers of every body, those of a link against one scale for any robot.
     """
+    return _largest_change(judge, chosen, [t for t in chosen if t.joint is not None], x)
+
+
+def _largest_change(judge: Judge, terms: Sequence[Term], asked: Sequence[Term], x: Array) -> float:
+    """Largest change of a mass or first moment by the bodies of ``asked``, of all ``terms`` at ``x``, in plausible
+    changes."""
     evidence = judge.evidence
-    layout = evidence.layout(chosen)
+    layout = evidence.layout(terms)
     largest = 0.0
     for term, start in zip(layout.terms, layout.starts, strict=True):
-        if term.joint is None:
+        if term not in asked:
             continue
         for first, own in term.family().inertial_bodies(evidence.robot, term):
             change = np.abs(x[start + first : start + first + len(own)]) / body_scale(own)
