@@ -135,6 +135,17 @@ def test_every_effect_of_the_catalogue_is_named_with_all_its_numbers(name):
         assert said in line
 
 
+def test_of_several_links_it_is_counted_what_is_left_open():
+    kind, settings = family("inertial_parameters"), SETTINGS["inertial_parameters"]
+    entry = effect_to_json(Effect("inertial_parameters", (), dict.fromkeys(kind.published(settings), 1.0), settings))
+    entry |= {
+        "indistinguishable_from": [],
+        "undetermined_parameters": ["shoulder/mass", "shoulder/com_x", "elbow/mass"],
+    }
+    said = [line for line in details(diagnosis() | {"effects": [entry]}) if line.startswith("left open")]
+    assert said == ["left open by these motions: numbers of the links: 2 of 10 of shoulder, 1 of 10 of elbow"]
+
+
 def test_what_is_zero_or_left_open_is_not_in_the_headline():
     value = diagnosis()
     effect = value.pop("effect")

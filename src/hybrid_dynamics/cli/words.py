@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -90,8 +91,7 @@ def details(diagnosis: Mapping[str, Any]) -> list[str]:
     out += _alike(diagnosis["effects"])
     for entry in diagnosis["effects"]:
         if entry.get("undetermined_parameters"):
-            names = ", ".join(name.replace("_", " ") for name in entry["undetermined_parameters"])
-            out.append(f"left open by these motions: {names} of {place(entry)}")
+            out.append(f"left open by these motions: {_open(entry)}")
         for torn in entry.get("inconsistent_between_runs", []):
             runs = ", ".join(f"{r['run']} {r['value']:.3g}" for r in torn["runs"])
             out.append(
@@ -99,6 +99,18 @@ def details(diagnosis: Mapping[str, Any]) -> list[str]:
             )
     out += [f"out of reach: {entry['joint']}: {entry['why']}" for entry in diagnosis.get("not_identifiable", [])]
     return [*out, *_outside(diagnosis)]
+
+
+def _open(entry: Entry) -> str:
+    """The parameters of an effect that the motions leave open; of several links how many of each: their values are
+    marked below."""
+    names = entry["undetermined_parameters"]
+    links = Counter(name.split("/")[0] for name in names if "/" in name)
+    if not links:
+        return f"{', '.join(name.replace('_', ' ') for name in names)} of {place(entry)}"
+    sizes = Counter(p["joint"] for p in entry["parameters"])
+    told = ", ".join(f"{count} of {sizes[link]} of {link}" for link, count in links.items())
+    return f"numbers of the links: {told}"
 
 
 def _left(diagnosis: Mapping[str, Any]) -> list[str]:
