@@ -153,7 +153,7 @@ def _helps_its_joint(term: Term, change: TestChange) -> bool:
 
 
 def _ends_worse(judge: Judge, base: Model, model: Model, tests: Sequence[Run]) -> NDArray[np.bool_]:
-    """(n,) joints of which ``model`` leaves more of ``tests`` than ``base``: by :data:`WORSE`, and beyond doubt."""
+    """(n,) joints of which ``model`` leaves more of ``tests`` than ``base``: by :data:`WORSE`, and beyond its error."""
     new, old = (moving_errors(m, tests) for m in (model, base))
     alone = [change_of(judge, new, old, tests, own, 1) for own in np.eye(judge.evidence.n)]
     return np.array([c.relative > max(WORSE, WORSE_IN_ERRORS * c.error) for c in alone])
