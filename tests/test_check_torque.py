@@ -123,6 +123,25 @@ def test_a_delay_is_measured(panda, run, late, severity):
     assert findings[0].suggestion["torque_delay"] == pytest.approx(late, abs=0.004)
 
 
+@pytest.mark.parametrize("displacement", [1e-5, 0.002, 0.006, 0.012])
+def test_friction_that_turns_over_with_the_distance_is_no_late_clock(panda, displacement):
+    time = np.arange(4000) / 200.0
+    omega = 2 * np.pi * np.array([0.11, 0.13, 0.17, 0.19, 0.23, 0.29, 0.31])
+    wave = 0.12 * np.sin(omega * time[:, None] + np.arange(7))
+    q = np.mean(panda.position_limits, axis=0) + wave
+    dq, ddq = np.gradient(wave, time, axis=0), -(omega**2) * wave
+    torque = 0.25 * panda.effort_limits
+    presliding = [
+        Effect("hysteresis_friction", (j,), {"coulomb_torque": f, "presliding_stiffness": f / displacement})
+        for j, f in zip(JOINTS, torque, strict=True)
+    ]
+    tau = predict(panda, presliding, q, dq, ddq, time)
+    assert told(panda, Trajectory("slow", "train", time, {"q": q, "tau": tau})) == []
+    late = 30  # rows of 5 ms
+    clock = Trajectory("late", "train", time[late:], {"q": q[late:], "tau": tau[:-late]})
+    assert ("hard", "torque_delay", "") in told(panda, clock)
+
+
 @pytest.mark.parametrize("factor", [10.0, 0.1, 100.0])
 def test_a_clock_that_is_wrong_by_powers_of_ten_is_found(panda, factor):
     slow = excitation(panda, FRICTION, duration=40.0, rate=200.0)

@@ -11,12 +11,18 @@ import numpy as np
 from hybrid_dynamics.check.columns import Columns
 from hybrid_dynamics.check.forms import explain
 from hybrid_dynamics.check.samples import Stretch
+from hybrid_dynamics.effects.sign import presliding_sign
 from hybrid_dynamics.types import Array
 
 #: Largest delay [s] that is looked for; shorter where the runs are short.
 LONGEST = 0.6
 #: Least fall of a joint's score by which it says that it is late too.
 SAYS_SO = 0.05
+#: Presliding displacements [rad] of dry friction that each joint may have, from a sharp sign (0) to beyond any gear's:
+#: in slow motion friction that turns over with the distance is late against the speed, and so is no clock.
+PRESLIDING = (0.0, 0.0003, 0.001, 0.003, 0.01, 0.03)
+#: A displacement [rad] within which no joint turns over between two samples.
+SHARP = 1e-9
 #: Two halves of a log say the same where their delays differ by less than this share of it, or by this many rows.
 SAME_SHARE, SAME_ROWS = 0.25, 2.0
 
@@ -44,11 +50,13 @@ def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int
         return Delay(0.0, 0.0)
     starts = np.concatenate([[0], np.cumsum([len(p.q) for p in parts])])
     rows = np.concatenate([np.arange(a + reach, b - reach) for a, b in pairwise(starts)])
-    each = _scores(columns, rows, reach, torque)
+    own = [_own(columns, parts, j, torque(j)[0]) for j in range(columns.tau.shape[1])]
+    taken = [torque(j)[1] for j in range(columns.tau.shape[1])]
+    each = _scores(own, taken, rows, reach)
     scores = each.sum(axis=0)
     best = int(np.argmin(scores))
     rest = _lowest(scores)
-    halves = [_lowest(_scores(columns, half, reach, torque).sum(axis=0)) for half in np.array_split(rows, 2)]
+    halves = [_lowest(_scores(own, taken, half, reach).sum(axis=0)) for half in np.array_split(rows, 2)]
     near = max(SAME_SHARE * abs(rest - reach), SAME_ROWS)
     return Delay(
         (rest - reach) * dt,
@@ -58,18 +66,22 @@ def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int
     )
 
 
-def _scores(columns: Columns, rows: Array, reach: int, torque: Callable[[int], tuple[Array, Array]]) -> Array:
+def _own(columns: Columns, parts: Sequence[Stretch], j: int, model: Array) -> Array:
+    """(K, m) what joint ``j``'s torque may be made of, all but the mean with coefficients that are not negative."""
+    turned = [np.concatenate([presliding_sign(p.q[:, j], max(s, SHARP)) for p in parts]) for s in PRESLIDING]
+    return np.column_stack([model, columns.dq[:, j], columns.sign[:, j], columns.ddq[:, j], *turned])
+
+
+def _scores(own: Sequence[Array], taken: Sequence[Array], rows: Array, reach: int) -> Array:
     """(n, 2 reach + 1) score of each joint over ``rows`` with its torque taken from that many rows off."""
-    each = np.zeros((columns.tau.shape[1], 2 * reach + 1))
-    for j in range(len(each)):
-        model, tau = torque(j)
-        own = np.column_stack([model, columns.dq[:, j], columns.sign[:, j], columns.ddq[:, j]])[rows]
-        own -= own.mean(axis=0)
-        inner = own.T @ own / len(rows)
+    each = np.zeros((len(own), 2 * reach + 1))
+    for j, tau in enumerate(taken):
+        table = own[j][rows] - own[j][rows].mean(axis=0)
+        inner = table.T @ table / len(rows)
         for k in range(2 * reach + 1):
             late = tau[rows + k - reach]
             late = late - late.mean()
-            cross = own.T @ late / len(rows)
+            cross = table.T @ late / len(rows)
             gram = np.block([[inner, cross[:, None]], [cross[None, :], np.mean(late**2)]])
             each[j, k] = explain(gram).score
     return each
