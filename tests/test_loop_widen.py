@@ -160,6 +160,32 @@ def test_where_no_link_is_named_all_links_come_in_as_any_effect_does() -> None:
     assert widened(judge, [], judge.evidence.terms)[1] == []
 
 
+def test_constant_torques_of_most_joints_may_be_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    ripple = {"harmonic": 6.0, "amplitude": 0.08, "phase": 0.3}
+    # All links are off by a little, ripple has no name, and more is asked of an effect than all links gain.
+    off = [links(0.12), *(Effect("torque_ripple", (joint,), ripple) for joint in (SHOULDER, ELBOW))]
+    judge, (every,), _ = judged(off)
+    judge = replace(judge, settings=replace(judge.settings, gain_in_errors=3.5))
+    constant = [t for t in judge.evidence.terms if t.effect == "torque_offset"]
+    assert widened(judge, constant, judge.evidence.terms)[1] == [*constant, every]
+    # Control: one of two joints is not most of them, and friction is not what links weigh.
+    assert widened(judge, constant[:1], judge.evidence.terms)[1] == constant[:1]
+    friction = [t for t in judge.evidence.terms if t.effect == "viscous_friction"]
+    assert widened(judge, friction, judge.evidence.terms)[1] == friction
+    # Control: links that are off by more than could be.
+    monkeypatch.setattr(widen_module, "PLAUSIBLE", 0.3)
+    assert widened(judge, constant, judge.evidence.terms)[1] == constant
+
+
+def test_constant_torques_that_are_there_stay_beside_what_links_could_only_stand_for() -> None:
+    ripple = {"harmonic": 6.0, "amplitude": 0.3, "phase": 0.3}
+    hidden = [Effect("torque_offset", (joint,), {"offset": 1.0}) for joint in (SHOULDER, ELBOW)]
+    judge, _, _ = judged([*hidden, *(Effect("torque_ripple", (joint,), ripple) for joint in (SHOULDER, ELBOW))])
+    constant = [t for t in judge.evidence.terms if t.effect == "torque_offset"]
+    assert judge.mostly_left(judge.evidence.held(constant, physical=True))
+    assert widened(judge, constant, judge.evidence.terms)[1] == constant
+
+
 def test_friction_that_is_missing_on_both_sides_speaks_for_none() -> None:
     body = Effect("link_inertia", (SHOULDER,), to_body(link_parameters(ROBOT, 0) * 1.5))
     rough = [Effect("viscous_friction", (joint,), {"viscous_coefficient": 0.3}) for joint in (SHOULDER, ELBOW)]

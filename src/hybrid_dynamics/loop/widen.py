@@ -9,7 +9,8 @@ joints of an arm whose links were never identified are left with more than their
 all that is off: all links, with the friction that no few seconds prove, take its place unless it predicts better by as
 much as an effect must to come in. Where no link is named there, none alone may have been sure: all links come in where
 held-out samples gain by them what an effect must, and each stays within a plausible change. Links that do not stand for
-what else has no name on these joints. The other way round: :mod:`.narrow`.
+what else has no name on these joints. Constant torques of most joints are what links weigh in few poses: with these
+named, all links need be no more than as likely, as in the place of a body. The other way round: :mod:`.narrow`.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ BETTER = 1.0
 
 def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = ()) -> tuple[Judge, list[Term]]:
     """``chosen`` with all links' parameters in the place of bodies, where one of these is beyond belief, several are
-    named, or most joints are left with more than their floor; in the last case also where no body is named.
+    named, or most joints are left with more than their floor; in the last case also where no body is named, sooner
+    where constant torques are that could be weight.
 
     What is estimated beside all links stands beside them here: a link bends itself for a constant torque. So does, on
     both sides, the friction of ``candidates`` that is missing.
@@ -50,10 +52,13 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     if not links or not chosen or links[0] in chosen:
         return judge, list(chosen)
     covered = any(covers(links[0], t) for t in chosen)
+    weighs = _like_weight(judge, chosen)
     bodies = [t for t in chosen if t.family().is_body]
-    fitted = refit(judge.evidence, chosen)
-    judge = judge.over(fitted.evidence)
-    unbelieved = beyond_belief(judge, chosen, fitted.x) > BELIEVED
+    unbelieved = False
+    if bodies:
+        fitted = refit(judge.evidence, chosen)
+        judge = judge.over(fitted.evidence)
+        unbelieved = beyond_belief(judge, chosen, fitted.x) > BELIEVED
     before = with_plain(judge, chosen, candidates)
     left = _unexplained(judge, before)
     if not (unbelieved or left or len(bodies) > 1):
@@ -63,14 +68,22 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     judge, plain = plain_beside(judge, [*trial, *beside], candidates)
     together = [*trial, *beside, *plain]
     after = judge.evidence.held(together, physical=True)
-    if left and covered:
+    if left and (covered or weighs):
         good = as_likely(judge, after, before)
     elif covered:
         good = judge.news(after, before).surer_than(0.0 if unbelieved else BETTER)
     else:
-        good = judge.news(after, before).surer_than(judge.settings.gain_in_errors) and _plausible(judge, together)
+        good = judge.news(after, before).surer_than(judge.settings.gain_in_errors)
+    good = good and (covered or _plausible(judge, together))
     there = take(judge, chosen, together) if good else None
     return (judge, list(chosen)) if there is None else (there, trial)
+
+
+def _like_weight(judge: Judge, terms: Sequence[Term]) -> bool:
+    """True where ``terms`` have a constant torque on most of the joints that move, two at least: one or two of many are
+    a sensor's zero."""
+    constant = {t.index for t in terms if t.family().like_weight}
+    return len(constant) > 1 and 2 * len(constant) > int((judge.floor > 0).sum())
 
 
 def _plausible(judge: Judge, terms: Sequence[Term]) -> bool:
