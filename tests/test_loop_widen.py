@@ -160,6 +160,22 @@ def test_where_no_link_is_named_all_links_come_in_as_any_effect_does() -> None:
     assert widened(judge, [], judge.evidence.terms)[1] == []
 
 
+def test_a_link_that_is_off_by_more_than_plausible_must_be_surer(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Ripple takes the links further than they are off (1.3 plausible changes), and they gain six errors.
+    ripple = {"harmonic": 6.0, "amplitude": 0.12, "phase": 0.3}
+    judge, (every,), _ = judged([links(0.15), Effect("torque_ripple", (ELBOW,), ripple)])
+    friction = [t for t in judge.evidence.terms if t.effect == "viscous_friction"]
+    assert widened(judge, friction, judge.evidence.terms)[1] == [*friction, every]
+    # Four errors, were they asked of any effect, would be nearly seven of such links.
+    strict = replace(judge, settings=replace(judge.settings, gain_in_errors=4.0))
+    assert widened(strict, friction, judge.evidence.terms)[1] == friction
+    monkeypatch.setattr(widen_module, "PLAUSIBLE", np.inf)
+    assert widened(strict, friction, judge.evidence.terms)[1] == [*friction, every]
+    # Beyond belief no gain is enough.
+    monkeypatch.setattr(widen_module, "BELIEVED", 1.0)
+    assert widened(judge, friction, judge.evidence.terms)[1] == friction
+
+
 def test_constant_torques_of_most_joints_may_be_weight(monkeypatch: pytest.MonkeyPatch) -> None:
     ripple = {"harmonic": 6.0, "amplitude": 0.08, "phase": 0.3}
     # All links are off by a little, ripple has no name, and more is asked of an effect than all links gain.

@@ -8,9 +8,10 @@ they predict better by a standard error, not by the several that an effect besid
 joints of an arm whose links were never identified are left with more than their floor, the link that is named is not
 all that is off: all links, with the friction that no few seconds prove, take its place unless it predicts better by as
 much as an effect must to come in. Where no link is named there, none alone may have been sure: all links come in where
-held-out samples gain by them what an effect must, and each stays within a plausible change. Links that do not stand for
-what else has no name on these joints. Constant torques of most joints are what links weigh in few poses: with these
-named, all links need be no more than as likely, as in the place of a body. The other way round: :mod:`.narrow`.
+held-out samples gain by them what an effect must, and more where one is off by more than a plausible change. Links that
+do not stand for what else has no name on these joints. Constant torques of most joints are what links weigh in few
+poses: with these named, all links, each within a plausible change, need be no more than as likely, as in the place of a
+body. The other way round: :mod:`.narrow`.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from hybrid_dynamics.types import Array
 #: A link that differs by more than this multiple of a plausible change (half its mass, shifted by its own size) is
 #: not believed: one of twice its mass is.
 BELIEVED = 2.0
-#: And where nothing but what is left on the joints speaks of links, more than one such change is not.
+#: And where nothing but what is left on the joints speaks of links, more than one such change must be surer.
 PLAUSIBLE = 1.0
 #: Of the ten parameters mass and first moment: inertias show in accelerations, in a short run hardly.
 WEIGHED = 4
@@ -68,13 +69,14 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     judge, plain = plain_beside(judge, [*trial, *beside], candidates)
     together = [*trial, *beside, *plain]
     after = judge.evidence.held(together, physical=True)
-    if left and (covered or weighs):
+    if left and covered:
         good = as_likely(judge, after, before)
     elif covered:
         good = judge.news(after, before).surer_than(0.0 if unbelieved else BETTER)
     else:
-        good = judge.news(after, before).surer_than(judge.settings.gain_in_errors)
-    good = good and (covered or _plausible(judge, together))
+        change = _largest_change_of_all(judge, together)
+        good = weighs and change <= PLAUSIBLE and as_likely(judge, after, before)
+        good = good or judge.news(after, before).surer_than(judge.settings.gain_in_errors * _doubt(change))
     there = take(judge, chosen, together) if good else None
     return (judge, list(chosen)) if there is None else (there, trial)
 
@@ -86,11 +88,17 @@ def _like_weight(judge: Judge, terms: Sequence[Term]) -> bool:
     return len(constant) > 1 and 2 * len(constant) > int((judge.floor > 0).sum())
 
 
-def _plausible(judge: Judge, terms: Sequence[Term]) -> bool:
-    """True where no link that ``terms`` re-identify is off by more than :data:`PLAUSIBLE` changes."""
+def _largest_change_of_all(judge: Judge, terms: Sequence[Term]) -> float:
+    """Largest change of a link that ``terms`` re-identify together, in plausible changes."""
     fitted = refit(judge.evidence, terms)
     every = [t for t in terms if t.family().all_links]
-    return _largest_change(judge.over(fitted.evidence), terms, every, fitted.x) <= PLAUSIBLE
+    return _largest_change(judge.over(fitted.evidence), terms, every, fitted.x)
+
+
+def _doubt(change: float) -> float:
+    """By how much more than an effect links must gain of which one is off by so many plausible ``change`` s: as the
+    square, as if these were standard deviations; by no gain where it is beyond belief."""
+    return np.inf if change > BELIEVED else max(change / PLAUSIBLE, 1.0) ** 2
 
 
 def too_few(judge: Judge, few: Sequence[Term], many: Sequence[Term], candidates: Sequence[Term]) -> bool:
