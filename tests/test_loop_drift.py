@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from tests.small_arm import arm, noisy_log
+from tests.test_loop_beside import judged
 
-from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects.drift import Drift
 from hybrid_dynamics.loop import LoopSettings, close_loop
 from hybrid_dynamics.loop.diagnosis import Diagnosis
 from hybrid_dynamics.loop.process import process
@@ -44,6 +46,16 @@ def test_friction_that_warms_up_is_named_with_its_rate() -> None:
     assert gone == pytest.approx(-0.15 * 10.0 * (1 - np.exp(-2.0)), rel=0.1)
     # Control: friction that stays as it is has no drift.
     assert _named(_closed([COULOMB])) == [("coulomb_friction", SHOULDER)]
+
+
+def test_friction_that_is_missing_is_no_friction_that_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, _, _ = judged([Effect("viscous_friction", (SHOULDER,), {"viscous_coefficient": 1.0})])
+    growing = Term("drift", 0, (("of", "viscous"), ("time_constant", 30.0)))
+    judge = judge.adding([growing])
+    assert not judge.worth([growing], growing).surer_than(0.0)
+    # Control: over nothing at all it gains surely, as what stands for something does.
+    monkeypatch.setattr(Drift, "beside", ())
+    assert judge.worth([growing], growing).surer_than(judge.settings.gain_in_errors)
 
 
 @pytest.mark.slow

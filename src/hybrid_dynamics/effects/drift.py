@@ -37,6 +37,8 @@ class Drift(Family):
     size = 1
     searched = False
     several = True
+    # What changes is more than what is there from the beginning.
+    beside = ("torque_offset", "viscous_friction", "coulomb_friction")
     nonlinear_settings = (Refined(CONSTANT, 2.0, 3000.0),)
     drawn_against = "time"
     shown_by = "the same motion is repeated from the cold start to the warm joint"
