@@ -123,23 +123,31 @@ def test_a_delay_is_measured(panda, run, late, severity):
     assert findings[0].suggestion["torque_delay"] == pytest.approx(late, abs=0.004)
 
 
-@pytest.mark.parametrize("displacement", [1e-5, 0.002, 0.006, 0.012])
-def test_friction_that_turns_over_with_the_distance_is_no_late_clock(panda, displacement):
+def slowly(panda: Robot, friction: dict[str, float], name: str, late: int = 0) -> Trajectory:
+    """A slow run in which friction is a quarter of what the joints can do; torque recorded ``late`` rows of 5 ms."""
     time = np.arange(4000) / 200.0
     omega = 2 * np.pi * np.array([0.11, 0.13, 0.17, 0.19, 0.23, 0.29, 0.31])
     wave = 0.12 * np.sin(omega * time[:, None] + np.arange(7))
     q = np.mean(panda.position_limits, axis=0) + wave
     dq, ddq = np.gradient(wave, time, axis=0), -(omega**2) * wave
-    torque = 0.25 * panda.effort_limits
-    presliding = [
-        Effect("hysteresis_friction", (j,), {"coulomb_torque": f, "presliding_stiffness": f / displacement})
-        for j, f in zip(JOINTS, torque, strict=True)
-    ]
-    tau = predict(panda, presliding, q, dq, ddq, time)
-    assert told(panda, Trajectory("slow", "train", time, {"q": q, "tau": tau})) == []
-    late = 30  # rows of 5 ms
-    clock = Trajectory("late", "train", time[late:], {"q": q[late:], "tau": tau[:-late]})
-    assert ("hard", "torque_delay", "") in told(panda, clock)
+    heights = 0.25 * panda.effort_limits
+    rough = [Effect(name, (j,), {k: f * v for k, v in friction.items()}) for j, f in zip(JOINTS, heights, strict=True)]
+    tau = predict(panda, rough, q, dq, ddq, time)
+    return Trajectory("slow", "train", time[late:], {"q": q[late:], "tau": tau[: len(tau) - late]})
+
+
+@pytest.mark.parametrize("displacement", [0.002, 0.006, 0.012])
+def test_friction_that_turns_over_with_the_distance_is_no_late_clock(panda, displacement):
+    presliding = {"coulomb_torque": 1.0, "presliding_stiffness": 1 / displacement}
+    assert told(panda, slowly(panda, presliding, "hysteresis_friction")) == []
+    assert ("hard", "torque_delay", "") in told(panda, slowly(panda, presliding, "hysteresis_friction", late=30))
+
+
+def test_sharp_friction_hides_no_clock_and_is_none(panda):
+    assert told(panda, slowly(panda, {"coulomb_torque": 1.0}, "coulomb_friction")) == []
+    findings, _ = check_torque(panda, [slowly(panda, {"coulomb_torque": 1.0}, "coulomb_friction", late=20)])
+    assert [(f.severity, f.code) for f in findings] == [("hard", "torque_delay")]
+    assert findings[0].suggestion["torque_delay"] == pytest.approx(0.1, abs=0.02)
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.1, 100.0])

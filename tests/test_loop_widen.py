@@ -183,6 +183,9 @@ def test_constant_torques_of_most_joints_may_be_weight(monkeypatch: pytest.Monke
     judge, (every,), _ = judged(off)
     judge = replace(judge, settings=replace(judge.settings, gain_in_errors=3.5))
     constant = [t for t in judge.evidence.terms if t.effect == "torque_offset"]
+    # Two may well be what two sensors' zeros are off by; on an arm of more joints they would not be most.
+    assert widened(judge, constant, judge.evidence.terms)[1] == constant
+    monkeypatch.setattr(widen_module, "FEWEST", 2)
     assert widened(judge, constant, judge.evidence.terms)[1] == [*constant, every]
     # Control: one of two joints is not most of them, and friction is not what links weigh.
     assert widened(judge, constant[:1], judge.evidence.terms)[1] == constant[:1]
@@ -193,13 +196,19 @@ def test_constant_torques_of_most_joints_may_be_weight(monkeypatch: pytest.Monke
     assert widened(judge, constant, judge.evidence.terms)[1] == constant
 
 
-def test_constant_torques_that_are_there_stay_beside_what_links_could_only_stand_for() -> None:
+def test_constant_torques_that_are_there_stay_beside_what_links_could_only_stand_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(widen_module, "FEWEST", 2)
     ripple = {"harmonic": 6.0, "amplitude": 0.3, "phase": 0.3}
     hidden = [Effect("torque_offset", (joint,), {"offset": 1.0}) for joint in (SHOULDER, ELBOW)]
     judge, _, _ = judged([*hidden, *(Effect("torque_ripple", (joint,), ripple) for joint in (SHOULDER, ELBOW))])
     constant = [t for t in judge.evidence.terms if t.effect == "torque_offset"]
     assert judge.mostly_left(judge.evidence.held(constant, physical=True))
     assert widened(judge, constant, judge.evidence.terms)[1] == constant
+    # Control: what keeps the links out is how far they would have to be off.
+    monkeypatch.setattr(widen_module, "PLAUSIBLE", np.inf)
+    assert widened(judge, constant, judge.evidence.terms)[1] != constant
 
 
 def test_friction_that_is_missing_on_both_sides_speaks_for_none() -> None:

@@ -23,6 +23,8 @@ SAYS_SO = 0.05
 PRESLIDING = (0.0, 0.0003, 0.001, 0.003, 0.01, 0.03)
 #: A displacement [rad] within which no joint turns over between two samples.
 SHARP = 1e-9
+#: What a joint that slides moves [m] where one that turns moves 1 rad.
+LEVER = 0.05
 #: Two halves of a log say the same where their delays differ by less than this share of it, or by this many rows.
 SAME_SHARE, SAME_ROWS = 0.25, 2.0
 
@@ -31,7 +33,8 @@ SAME_SHARE, SAME_ROWS = 0.25, 2.0
 class Delay:
     """``seconds`` (positive: torque recorded late), how much the joints' scores fall together when it is taken back,
     the share of joints that fall (one clock is late for all of them), and whether both halves of the log show it: a
-    clock is late all the time, while a slow motion resembles itself a little earlier or later somewhere by chance."""
+    clock is late all the time, while a slow motion resembles itself a little earlier or later somewhere by chance.
+    Of a torque that is late ``gain`` is what it gains beside friction that turns over with the distance, if less."""
 
     seconds: float
     gain: float
@@ -39,10 +42,16 @@ class Delay:
     lasting: bool = True
 
 
-def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int], tuple[Array, Array]]) -> Delay:
+def find_delay(
+    columns: Columns,
+    parts: Sequence[Stretch],
+    torque: Callable[[int], tuple[Array, Array]],
+    sliding: Sequence[int] = (),
+) -> Delay:
     """The shift under which the joints' torques are explained best.
 
-    ``torque(j)`` gives the model's torque (K,) of joint ``j`` and the measured one that is taken for it.
+    ``torque(j)`` gives the model's torque (K,) of joint ``j`` and the measured one that is taken for it; joints that
+    are ``sliding`` (0-based) move in metres.
     """
     dt = max(p.dt for p in parts)
     reach = min(int(LONGEST / dt), min(len(p.q) for p in parts) // 4)
@@ -50,26 +59,37 @@ def find_delay(columns: Columns, parts: Sequence[Stretch], torque: Callable[[int
         return Delay(0.0, 0.0)
     starts = np.concatenate([[0], np.cumsum([len(p.q) for p in parts])])
     rows = np.concatenate([np.arange(a + reach, b - reach) for a, b in pairwise(starts)])
-    own = [_own(columns, parts, j, torque(j)[0]) for j in range(columns.tau.shape[1])]
-    taken = [torque(j)[1] for j in range(columns.tau.shape[1])]
+    pairs = [torque(j) for j in range(columns.tau.shape[1])]
+    taken = [tau for _, tau in pairs]
+    own = [
+        np.column_stack([model, columns.dq[:, j], columns.sign[:, j], columns.ddq[:, j]])
+        for j, (model, _) in enumerate(pairs)
+    ]
     each = _scores(own, taken, rows, reach)
     scores = each.sum(axis=0)
     best = int(np.argmin(scores))
     rest = _lowest(scores)
+    gain = float(scores[reach] - scores[best])
+    if best > reach:
+        slipping = [
+            np.column_stack([known, _slipping(parts, j, LEVER if j in sliding else 1.0)]) for j, known in enumerate(own)
+        ]
+        beside = _scores(slipping, taken, rows, reach).sum(axis=0)
+        gain = min(gain, float(beside[reach] - beside.min()))
     halves = [_lowest(_scores(own, taken, half, reach).sum(axis=0)) for half in np.array_split(rows, 2)]
     near = max(SAME_SHARE * abs(rest - reach), SAME_ROWS)
     return Delay(
         (rest - reach) * dt,
-        float(scores[reach] - scores[best]),
+        gain,
         float(np.mean(each[:, reach] - each[:, best] >= SAYS_SO)),
         all(abs(half - rest) <= near for half in halves),
     )
 
 
-def _own(columns: Columns, parts: Sequence[Stretch], j: int, model: Array) -> Array:
-    """(K, m) what joint ``j``'s torque may be made of, all but the mean with coefficients that are not negative."""
-    turned = [np.concatenate([presliding_sign(p.q[:, j], max(s, SHARP)) for p in parts]) for s in PRESLIDING]
-    return np.column_stack([model, columns.dq[:, j], columns.sign[:, j], columns.ddq[:, j], *turned])
+def _slipping(parts: Sequence[Stretch], j: int, lever: float) -> Array:
+    """(K, m) dry friction of joint ``j`` that turns over within each of :data:`PRESLIDING`, of height 1."""
+    within = [max(lever * s, SHARP) for s in PRESLIDING]
+    return np.column_stack([np.concatenate([presliding_sign(p.q[:, j], s) for p in parts]) for s in within])
 
 
 def _scores(own: Sequence[Array], taken: Sequence[Array], rows: Array, reach: int) -> Array:

@@ -100,7 +100,8 @@ def check_torque(
         findings += _units(names, fits, np.array(pulled))
         if best.pace == 1.0:
             findings += _rotors(robot, parts, forms, best)
-        findings += _delay(names, columns, parts, best)
+        sliding = [j for j, name in enumerate(names) if name in robot.prismatic]
+        findings += _delay(names, columns, parts, best, sliding)
     return findings, best.gravity
 
 
@@ -347,11 +348,13 @@ def _units(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.bool_])
     return [Finding("torque_unit", "hard", text, joint=names[j], suggestion=cure)]
 
 
-def _delay(names: Sequence[str], columns: Columns, parts: Sequence[Stretch], best: Guess) -> list[Finding]:
+def _delay(
+    names: Sequence[str], columns: Columns, parts: Sequence[Stretch], best: Guess, sliding: Sequence[int]
+) -> list[Finding]:
     def torque(j: int) -> tuple[Array, Array]:
         return columns.model(j, best.gravity, best.pace), best.sign[j] * columns.tau[:, best.source[j]]
 
-    found: Delay = find_delay(columns, parts, torque)
+    found: Delay = find_delay(columns, parts, torque, sliding)
     size = abs(found.seconds)
     # A quarter of a sampling interval is what the parabola resolves.
     if size < DELAY_TOLD or found.gain < DELAY_GAIN:

@@ -37,7 +37,7 @@ class Drift(Family):
     size = 1
     searched = False
     several = True
-    # What changes is more than what is there from the beginning.
+    # What changes explains more than what is there from the beginning does.
     beside = ("torque_offset", "viscous_friction", "coulomb_friction")
     nonlinear_settings = (Refined(CONSTANT, 2.0, 3000.0),)
     drawn_against = "time"

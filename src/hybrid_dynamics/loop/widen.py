@@ -10,8 +10,8 @@ all that is off: all links, with the friction that no few seconds prove, take it
 much as an effect must to come in. Where no link is named there, none alone may have been sure: all links come in where
 held-out samples gain by them what an effect must, and more where one is off by more than a plausible change. Links that
 do not stand for what else has no name on these joints. Constant torques of most joints are what links weigh in few
-poses: with these named, all links, each within a plausible change, need be no more than as likely, as in the place of a
-body. The other way round: :mod:`.narrow`.
+poses: with three or more named, all links, each within a plausible change, need be no more than as likely, as in the
+place of a body. The other way round: :mod:`.narrow`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links, plain_beside
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge, covers, joined
+from hybrid_dynamics.loop.trace import Gain, Judge, covers, joined
 from hybrid_dynamics.loop.weighing import counting_by
 from hybrid_dynamics.types import Array
 
@@ -35,6 +35,8 @@ from hybrid_dynamics.types import Array
 BELIEVED = 2.0
 #: And where nothing but what is left on the joints speaks of links, more than one such change must be surer.
 PLAUSIBLE = 1.0
+#: So many joints must have a constant torque each for them to be what links weigh.
+FEWEST = 3
 #: Of the ten parameters mass and first moment: inertias show in accelerations, in a short run hardly.
 WEIGHED = 4
 #: Standard errors by which held-out samples must be predicted better where several bodies are named, all believed.
@@ -74,18 +76,25 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     elif covered:
         good = judge.news(after, before).surer_than(0.0 if unbelieved else BETTER)
     else:
-        change = _largest_change_of_all(judge, together)
-        good = weighs and change <= PLAUSIBLE and as_likely(judge, after, before)
-        good = good or judge.news(after, before).surer_than(judge.settings.gain_in_errors * _doubt(change))
+        good = _as_an_effect(judge, together, judge.news(after, before), weighs and as_likely(judge, after, before))
     there = take(judge, chosen, together) if good else None
     return (judge, list(chosen)) if there is None else (there, trial)
 
 
 def _like_weight(judge: Judge, terms: Sequence[Term]) -> bool:
-    """True where ``terms`` have a constant torque on most of the joints that move, two at least: one or two of many are
-    a sensor's zero."""
+    """True where ``terms`` have a constant torque on most of the joints that move, three at least: fewer may well be
+    what sensors' zeros are off by."""
     constant = {t.index for t in terms if t.family().like_weight}
-    return len(constant) > 1 and 2 * len(constant) > int((judge.floor > 0).sum())
+    return len(constant) >= FEWEST and 2 * len(constant) > int((judge.floor > 0).sum())
+
+
+def _as_an_effect(judge: Judge, terms: Sequence[Term], gain: Gain, likely: bool) -> bool:
+    """True where all links among ``terms`` come in though none is named: for their ``gain``, or, each within a
+    plausible change, as ``likely`` as the constant torques that may be their weight."""
+    if not (likely or gain.surer_than(judge.settings.gain_in_errors)):
+        return False
+    change = _largest_change_of_all(judge, terms)
+    return (likely and change <= PLAUSIBLE) or gain.surer_than(judge.settings.gain_in_errors * _doubt(change))
 
 
 def _largest_change_of_all(judge: Judge, terms: Sequence[Term]) -> float:
