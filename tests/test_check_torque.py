@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from hybrid_dynamics.check import checked
-from hybrid_dynamics.check.columns import columns_of, standing
+from hybrid_dynamics.check.columns import Columns, columns_of, standing
+from hybrid_dynamics.check.delay import find_delay
 from hybrid_dynamics.check.forms import Forms
 from hybrid_dynamics.check.guess import Guess
 from hybrid_dynamics.check.order import places
-from hybrid_dynamics.check.samples import stretches
+from hybrid_dynamics.check.samples import Stretch, direction, stretches
 from hybrid_dynamics.check.torque import _signs, check_torque, outvoted
 from hybrid_dynamics.effects import Effect, predict
 from hybrid_dynamics.errors import InputError
@@ -148,6 +149,26 @@ def test_sharp_friction_hides_no_clock_and_is_none(panda):
     findings, _ = check_torque(panda, [slowly(panda, {"coulomb_torque": 1.0}, "coulomb_friction", late=20)])
     assert [(f.severity, f.code) for f in findings] == [("hard", "torque_delay")]
     assert findings[0].suggestion["torque_delay"] == pytest.approx(0.1, abs=0.02)
+
+
+def test_a_joint_that_slides_turns_over_within_shorter_ways():
+    dt, late = 0.02, 5
+    time = dt * np.arange(1505)
+    q = 0.3 * np.sin(2 * np.pi * np.array([0.15, 0.195]) * time[:, None] + np.arange(2))
+    dq = np.gradient(q, dt, axis=0)
+    ddq = np.gradient(dq, dt, axis=0)
+    tau = (10 * ddq + 3 * np.sign(dq))[:-late]
+    q, dq, ddq = q[late:], dq[late:], ddq[late:]
+    columns = Columns(10 * ddq, np.zeros((*q.shape, 3)), np.zeros_like(q), dq, ddq, direction(dq), tau)
+    parts = [Stretch("run", dt, 10.0, q, dq, ddq, tau)]
+
+    def torque(j: int) -> tuple[np.ndarray, np.ndarray]:
+        return columns.motion[:, j], tau[:, j]
+
+    turning, sliding = (find_delay(columns, parts, torque, slides) for slides in ((), (0, 1)))
+    assert turning.seconds == sliding.seconds == pytest.approx(late * dt, abs=dt / 4)
+    # Thirty millimetres of presliding would hide a good part of a clock of a tenth of a second; 1.5 do not.
+    assert sliding.gain > 1.2 * turning.gain
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.1, 100.0])
