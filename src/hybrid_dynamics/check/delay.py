@@ -18,11 +18,11 @@ from hybrid_dynamics.types import Array
 LONGEST = 0.6
 #: Least fall of a joint's score by which it says that it is late too.
 SAYS_SO = 0.05
-#: Presliding displacements [rad] of dry friction that each joint may have, from a sharp sign (0) to beyond any gear's:
+#: Least gain of a delay (sum of the joints' log mean squares).
+LEAST_GAIN = 0.7
+#: Presliding displacements [rad] of dry friction that each joint may have, from a sharp sign to beyond any gear's:
 #: in slow motion friction that turns over with the distance is late against the speed, and so is no clock.
-PRESLIDING = (0.0, 0.0003, 0.001, 0.003, 0.01, 0.03)
-#: A displacement [rad] within which no joint turns over between two samples.
-SHARP = 1e-9
+PRESLIDING = (1e-9, 0.0003, 0.001, 0.003, 0.01, 0.03)
 #: What a joint that slides moves [m] where one that turns moves 1 rad.
 LEVER = 0.05
 #: Two halves of a log say the same where their delays differ by less than this share of it, or by this many rows.
@@ -70,7 +70,7 @@ def find_delay(
     best = int(np.argmin(scores))
     rest = _lowest(scores)
     gain = float(scores[reach] - scores[best])
-    if best > reach:
+    if best > reach and gain >= LEAST_GAIN:
         slipping = [
             np.column_stack([known, _slipping(parts, j, LEVER if j in sliding else 1.0)]) for j, known in enumerate(own)
         ]
@@ -88,8 +88,7 @@ def find_delay(
 
 def _slipping(parts: Sequence[Stretch], j: int, lever: float) -> Array:
     """(K, m) dry friction of joint ``j`` that turns over within each of :data:`PRESLIDING`, of height 1."""
-    within = [max(lever * s, SHARP) for s in PRESLIDING]
-    return np.column_stack([np.concatenate([presliding_sign(p.q[:, j], s) for p in parts]) for s in within])
+    return np.column_stack([np.concatenate([presliding_sign(p.q[:, j], lever * s) for p in parts]) for s in PRESLIDING])
 
 
 def _scores(own: Sequence[Array], taken: Sequence[Array], rows: Array, reach: int) -> Array:

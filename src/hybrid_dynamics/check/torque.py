@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hybrid_dynamics.check.columns import Columns, columns_of, standing
 from hybrid_dynamics.check.completed import Completed, body_of, true_stretches
 from hybrid_dynamics.check.cures import turned
-from hybrid_dynamics.check.delay import Delay, find_delay
+from hybrid_dynamics.check.delay import LEAST_GAIN, Delay, find_delay
 from hybrid_dynamics.check.findings import Finding, Severity
 from hybrid_dynamics.check.forms import Fit, Forms
 from hybrid_dynamics.check.guess import (
@@ -52,8 +52,6 @@ DELAY_TOLD, DELAY_DOUBTED, DELAY_REFUSED = 0.01, 0.03, 0.08
 WEIGHED_WRONGLY = np.deg2rad(40.0)
 #: Share of joints that a late clock must help.
 MOST_JOINTS = 0.7
-#: Least gain of a delay (sum of the joints' log mean squares).
-DELAY_GAIN = 0.7
 #: A rotor this many times the inertia of all that its joint moves is none.
 HEAVIEST = 30.0
 #: Units by the power of ten a torque in them is too large.
@@ -100,8 +98,7 @@ def check_torque(
         findings += _units(names, fits, np.array(pulled))
         if best.pace == 1.0:
             findings += _rotors(robot, parts, forms, best)
-        sliding = [j for j, name in enumerate(names) if name in robot.prismatic]
-        findings += _delay(names, columns, parts, best, sliding)
+        findings += _delay(robot, columns, parts, best)
     return findings, best.gravity
 
 
@@ -348,16 +345,15 @@ def _units(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.bool_])
     return [Finding("torque_unit", "hard", text, joint=names[j], suggestion=cure)]
 
 
-def _delay(
-    names: Sequence[str], columns: Columns, parts: Sequence[Stretch], best: Guess, sliding: Sequence[int]
-) -> list[Finding]:
+def _delay(robot: Robot, columns: Columns, parts: Sequence[Stretch], best: Guess) -> list[Finding]:
     def torque(j: int) -> tuple[Array, Array]:
         return columns.model(j, best.gravity, best.pace), best.sign[j] * columns.tau[:, best.source[j]]
 
+    sliding = [j for j, name in enumerate(robot.joint_names) if name in robot.prismatic]
     found: Delay = find_delay(columns, parts, torque, sliding)
     size = abs(found.seconds)
     # A quarter of a sampling interval is what the parabola resolves.
-    if size < DELAY_TOLD or found.gain < DELAY_GAIN:
+    if size < DELAY_TOLD or found.gain < LEAST_GAIN:
         return []
     what = "later" if found.seconds > 0 else "earlier"
     if found.agreeing < MOST_JOINTS:

@@ -55,7 +55,6 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     if not links or not chosen or links[0] in chosen:
         return judge, list(chosen)
     covered = any(covers(links[0], t) for t in chosen)
-    weighs = _like_weight(judge, chosen)
     bodies = [t for t in chosen if t.family().is_body]
     unbelieved = False
     if bodies:
@@ -76,7 +75,9 @@ def widened(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = (
     elif covered:
         good = judge.news(after, before).surer_than(0.0 if unbelieved else BETTER)
     else:
-        good = _as_an_effect(judge, together, judge.news(after, before), weighs and as_likely(judge, after, before))
+        # All bodies are covered: none is named, and joints are left.
+        likely = _like_weight(judge, chosen) and as_likely(judge, after, before)
+        good = _as_an_effect(judge, together, judge.news(after, before), likely)
     there = take(judge, chosen, together) if good else None
     return (judge, list(chosen)) if there is None else (there, trial)
 
