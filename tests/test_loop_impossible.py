@@ -199,3 +199,19 @@ def test_a_zero_that_puts_a_joint_far_outside_its_limits_cannot_be(offset: float
         robot, settings = Robot.from_text(before + limits + after, "arm"), LoopSettings()
         judge, _, _ = gather(Model(robot), read_motion(robot, train, test, settings), settings)
         assert prune.impossible(judge.adding([zero]).at([zero]), [zero]) == left
+
+
+@pytest.mark.parametrize(("offset", "gone"), [(1.2, True), (-1.2, True), (0.7, False)])
+def test_a_zero_further_off_than_half_a_quarter_turn_cannot_be(offset: float, gone: bool) -> None:
+    zero = Term("position_offset", 1)
+    before, after = URDF.rsplit('lower="-2.5" upper="2.5"', 1)
+    robot = Robot.from_text(before + 'lower="-4" upper="4"' + after, "arm")
+    hidden = Effect("position_offset", (robot.joint_names[1],), {"offset": offset})
+    train, test = excitations(robot, [hidden], train=2, test=1, duration=6.0, rate=200.0)
+    settings = LoopSettings()
+    judge, _, _ = gather(Model(robot), read_motion(robot, train, test, settings), settings)
+    for _ in range(8):
+        # Newton's steps from the zero that is read.
+        judge = judge.adding([zero]).at([zero])
+    assert judge.evidence.fit([zero])[0] == pytest.approx(offset, abs=0.02)
+    assert prune.impossible(judge, [zero]) == ([zero] if gone else [])

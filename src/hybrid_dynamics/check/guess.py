@@ -77,7 +77,7 @@ def best_guess(model: Robot | Completed, parts: Sequence[Stretch], forms: Forms,
     guesses = [told]
     for g in gravities:
         guesses += [_assigned(forms, told, g, identity), _assigned(forms, told, g, None)]
-    guesses += [_paced(forms, told, pace) for pace in PACES]
+    guesses += [paced(forms, told, pace) for pace in PACES]
     best = min(guesses, key=lambda guess: guess.total)
     if np.exp(max(best.scores)) > UNEXPLAINED and n > 1:
         best = min([best, *_rearranged(model, parts, told, best)], key=lambda guess: guess.total)
@@ -125,14 +125,19 @@ def _assigned(forms: Forms, told: Guess, gravity: Array, source: tuple[int, ...]
     return replace(told, gravity=gravity, sign=signs, source=source, scores=scores, price=price)
 
 
-def _paced(forms: Forms, told: Guess, pace: float) -> Guess:
-    """The guess of another clock; beyond any price where a joint that needs none contradicts it.
+def paced(forms: Forms, told: Guess, pace: float) -> Guess:
+    """The guess of another clock; beyond any price where a joint that needs none contradicts it, or where links of a
+    plausible other inertia explain as much.
 
     One clock drives all joints: a link that weighs what it should is a hundred times as heavy by a clock that is ten
     times wrong, and what else one joint lacks is no clock where another is explained worse so.
     """
     fits = [forms.fit(j, told.gravity, pace=pace) for j in range(forms.n)]
     out = replace(told, pace=pace, scores=tuple(fit.score for fit in fits), price=PACE)
+    # Inertia goes with the square of the pace.
+    other = PLAUSIBLE ** (0.5 if pace > 1 else -0.5)
+    if forms.total(told.gravity, other) < out.total + CERTAIN:
+        return replace(out, price=np.inf)
     for j, fit in enumerate(fits):
         own = forms.fit(j, told.gravity)
         if own.left >= UNEXPLAINED:
@@ -174,9 +179,9 @@ def _rearranged(model: Robot | Completed, parts: Sequence[Stretch], told: Guess,
     return out
 
 
-def few_rows(parts: Sequence[Stretch]) -> list[Stretch]:
-    """``parts`` thinned out to :data:`SWAP_ROWS` rows, about."""
-    step = max(int(np.ceil(sum(len(p.q) for p in parts) / SWAP_ROWS)), 1)
+def few_rows(parts: Sequence[Stretch], rows: int = SWAP_ROWS) -> list[Stretch]:
+    """``parts`` thinned out to so many ``rows``, about."""
+    step = max(int(np.ceil(sum(len(p.q) for p in parts) / rows)), 1)
     return [
         Stretch(p.name, p.dt * step, p.cutoff, p.q[::step], p.dq[::step], p.ddq[::step], p.tau[::step]) for p in parts
     ]

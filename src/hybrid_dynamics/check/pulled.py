@@ -8,6 +8,8 @@ A tool on the other side of a light wrist turns the wrist's torque round; no lin
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.optimize import lsq_linear
 
@@ -99,6 +101,32 @@ def body_leaves(robot: Robot, q: Array, columns: Columns, gravity: Array, j: int
         low, high = np.concatenate([np.zeros(3), -most]), np.concatenate([np.full(3, np.inf), most])
         least = min(least, _bounded(table, torque, low, high)[2])
     return least / power
+
+
+def tool_leaves(robot: Robot, q: Array, columns: Columns, gravity: Array, joints: Sequence[int]) -> Array:
+    """Shares (m,) of the mean squares of the torques of m ``joints`` that are left with one tool of any weight
+    on the last link; positions ``q`` (K, n) [rad]."""
+    step = max(len(q) // ROWS, 1)
+    rows = slice(None, None, step)
+    standing = robot.copy()
+    standing.model.gravity.linear = gravity
+    regressor = standing.regressor(q[rows], columns.dq[rows], columns.ddq[rows])[:, :, -10:]
+    torque, tables = [], []
+    for place, j in enumerate(joints):
+        own = (columns.tau[:, j] - columns.model(j, gravity))[rows]
+        size = max(float(columns.tau[rows, j].std()), 1e-300)
+        free = np.zeros((len(own), 3 * len(joints)))
+        free[:, 3 * place : 3 * place + 3] = columns.free(j)[rows, :3]
+        table = np.column_stack([free, regressor[:, j]])
+        # Of every joint as a share of its own torque.
+        tables.append((table - table.mean(axis=0)) / size)
+        torque.append((own - own.mean()) / size)
+    low = np.concatenate([np.zeros(3 * len(joints) + 1), np.full(9, -np.inf)])
+    table = np.concatenate(tables)
+    scale = np.linalg.norm(table, axis=0)
+    scale[scale == 0] = 1.0
+    x = lsq_linear(table / scale, np.concatenate(torque), (low * scale, np.full(len(low), np.inf))).x / scale
+    return np.array([float(np.mean((t - own @ x) ** 2)) for t, own in zip(torque, tables, strict=True)])
 
 
 def _bounded(table: Array, torque: Array, low: Array, high: Array) -> tuple[Array, Array, float]:

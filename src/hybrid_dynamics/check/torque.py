@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.check.columns import Columns, columns_of, standing
 from hybrid_dynamics.check.completed import Completed, body_of, true_stretches
+from hybrid_dynamics.check.convention import check_convention
 from hybrid_dynamics.check.cures import turned
 from hybrid_dynamics.check.delay import LEAST_GAIN, Delay, find_delay
 from hybrid_dynamics.check.findings import Finding, Severity
@@ -26,6 +27,7 @@ from hybrid_dynamics.check.guess import (
     best_guess,
     is_certain,
     left_of,
+    paced,
     shares_of,
 )
 from hybrid_dynamics.check.order import places
@@ -80,6 +82,8 @@ def check_torque(
     told, best = best_guess(model, parts, forms, gravity)
     if not _holds(told, best):
         best = told
+    if counted := check_convention(model, parts, told, best, columns):
+        return counted, gravity
     names = robot.joint_names
     q = np.concatenate([p.q for p in parts])
     findings = [
@@ -275,8 +279,11 @@ def _rotors(robot: Robot, parts: Sequence[Stretch], forms: Forms, best: Guess) -
         without = forms.fit(j, best.gravity, best.source[j], best.sign[j], rotor=False)
         rotor = float(with_rotor.coefficients[3])
         if rotor > HEAVIEST * own[j] and without.score - with_rotor.score > 0.1:
-            scale = 10 ** max(round(float(np.log10(rotor / own[j])) / 2), 1)
-            times = rotor / own[j]
+            times = rotor / max(float(own[j]), 1e-300)
+            scale = 10 ** max(round(float(np.log10(times)) / 2), 1)
+            # One clock drives all joints.
+            if not np.isfinite(paced(forms, best, float(np.sqrt(times))).price):
+                continue
             text = (
                 f"the torque would take a rotor of {rotor:.3g} kg m^2, {times:.0f} times what the joint moves: "
                 f"time stamps run about {scale:g} times too slow; expected seconds: divide them by {scale:g}"
@@ -323,7 +330,8 @@ def _units(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.bool_])
     strong = (rigid >= STRONG * max(float(rigid.max()), 1e-12)) & (alpha > 0)
     strong &= np.array([f.left < EXPLAINED for f in fits])
     off = strong & ~pulled & ((alpha > MAX_SCALE) | (alpha < 1 / MAX_SCALE))
-    if not off.any() or 2 * off.sum() < strong.sum():
+    # One of two may be friction and a little of something else.
+    if not off.any() or 2 * off.sum() <= strong.sum():
         return []
     factors = alpha[strong]
     typical = float(np.exp(np.median(np.log(factors))))

@@ -30,6 +30,9 @@ FEWEST_COMMON = 3
 TWICE = 2.0
 #: Limits of a URDF are known to about this [rad].
 OUTSIDE = 0.2
+#: Further than this [rad] no zero is off: a zero a quarter turn away would be nearer, which is asked before the search
+#: (:mod:`hybrid_dynamics.check.convention`), and what one zero is known to.
+FARTHEST_ZERO = np.pi / 4 + OUTSIDE
 #: Relative distance within which a coordinate stands on its bound.
 BOUND = 1e-6
 
@@ -238,8 +241,8 @@ def in_errors(judge: Judge, current: Sequence[Term], x: Array) -> dict[Term, flo
 
 
 def impossible(judge: Judge, current: Sequence[Term]) -> list[Term]:
-    """Those of ``current`` that cannot be: a single body changed by more than a body is, a zero that puts the joint far
-    outside its limits, coordinates that are no such law."""
+    """Those of ``current`` that cannot be: a single body changed by more than a body is, a zero that is
+    farther off than zeros are or puts the joint far outside its limits, coordinates that are no such law."""
     evidence = judge.evidence
     x, layout, robot = evidence.fit(current), evidence.layout(current), evidence.robot
     dry = _dry_friction(evidence, layout, x)
@@ -267,8 +270,8 @@ def _dry_friction(evidence: Evidence, layout: Layout, x: Array) -> Array:
 
 
 def _outside(evidence: Evidence, term: Term, x: Array) -> bool:
-    """True where coordinates ``x`` (p,) of ``term`` put a joint by :data:`OUTSIDE` further outside the limits of the
-    URDF than it is read; limits of zero width count as not given."""
+    """True where coordinates ``x`` (p,) of ``term`` put a joint's zero beyond :data:`FARTHEST_ZERO`, or the joint by
+    :data:`OUTSIDE` further outside the limits of the URDF than it is read; limits of zero width count as not given."""
     if not term.family().changes_reading:
         return False
     robot = evidence.robot
@@ -276,6 +279,9 @@ def _outside(evidence: Evidence, term: Term, x: Array) -> bool:
     # A gain or a delay moves no joint.
     if not offset.any():
         return False
+    turning = np.array([name not in robot.prismatic for name in robot.joint_names])
+    if np.any(turning & (np.abs(offset) > FARTHEST_ZERO)):
+        return True
     low, high = robot.position_limits
     least = np.min([run.q.min(axis=0) for run in evidence.runs], axis=0)
     most = np.max([run.q.max(axis=0) for run in evidence.runs], axis=0)

@@ -1,0 +1,212 @@
+"""A log that counts joints otherwise than the URDF is told as that, and what only looks like it is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.check.columns import columns_of, standing
+from hybrid_dynamics.check.convention import Convention, _Limits, check_convention
+from hybrid_dynamics.check.forms import Fit, Forms
+from hybrid_dynamics.check.guess import Guess
+from hybrid_dynamics.check.samples import stretches
+from hybrid_dynamics.check.torque import _units, check_torque
+from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitation
+from hybrid_dynamics.trajectory import Trajectory
+
+FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
+
+
+def friction(robot: Robot, size: float = 0.01) -> list[Effect]:
+    """Viscous and Coulomb friction of every joint, as a share of its effort limit."""
+    named = list(zip(robot.joint_names, size * robot.effort_limits, strict=True))
+    return [
+        *(Effect("coulomb_friction", (j,), {"coulomb_torque": float(f)}) for j, f in named),
+        *(Effect("viscous_friction", (j,), {"viscous_coefficient": float(f)}) for j, f in named),
+    ]
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return Robot.from_urdf(find_description("panda.urdf"), FINGERS)
+
+
+@pytest.fixture(scope="module")
+def ur5() -> Robot:
+    return Robot.from_urdf(find_description("ur5_robot.urdf"))
+
+
+@pytest.fixture(scope="module")
+def run(panda) -> Trajectory:
+    return excitation(panda, friction(panda), duration=16.0, rate=100.0)
+
+
+@pytest.fixture(scope="module")
+def ur5_run(ur5) -> Trajectory:
+    return excitation(ur5, friction(ur5), duration=16.0, rate=100.0)
+
+
+def counted(run: Trajectory, sign: dict[int, int], zero: dict[int, float]) -> Trajectory:
+    """``run`` as another convention reads it: ``sign`` of q and tau, then ``zero`` [rad] on q, by joint."""
+    n = run.n_joints
+    s, shift = np.ones(n), np.zeros(n)
+    for j, value in sign.items():
+        s[j] = value
+    for j, angle in zero.items():
+        shift[j] = angle
+    return run.with_signals(q=s * run["q"] + shift, tau=s * run["tau"])
+
+
+def mended(log: Trajectory, cure: dict) -> Trajectory:
+    """``log`` read by the keys of a ``log.yaml``: value = sign * value + offset."""
+    ones = [1] * log.n_joints
+    sign, offset = cure.get("sign", {}), cure.get("offset", {})
+    q = np.array(sign.get("q", ones)) * log["q"] + np.array(offset.get("q", np.zeros(log.n_joints)))
+    return log.with_signals(q=q, tau=np.array(sign.get("tau", ones)) * log["tau"])
+
+
+@pytest.mark.parametrize(
+    ("sign", "zero"),
+    [
+        ({}, {1: np.pi / 2}),
+        ({}, {1: -np.pi / 2, 3: np.pi / 2}),
+        ({3: -1}, {3: np.pi / 2}),
+        ({1: -1, 3: -1}, {}),
+        ({}, {3: np.pi}),
+    ],
+    ids=["a quarter turn", "two of them", "turned round as well", "two turned round", "half a turn"],
+)
+def test_another_convention_is_told_and_its_cure_gives_the_arm_back(panda, run, sign, zero):
+    log = counted(run, sign, zero)
+    (found,) = [f for f in check_torque(panda, [log])[0] if f.severity == "hard"]
+    assert found.code == "convention"
+    assert "at panda_joint" in found.text
+    back = mended(log, dict(found.suggestion))
+    # Counted by the cure the arm weighs what it does: another reading of the same postures is as good.
+    still = np.zeros_like(run["q"])
+    weight = panda.inverse_dynamics(run["q"], still, still) * (back["tau"] / run["tau"])
+    read = panda.inverse_dynamics(back["q"], still, still)
+    assert np.sqrt(np.mean((read - weight) ** 2, axis=0)) == pytest.approx(0, abs=0.02 * np.abs(weight).max())
+    assert not [f for f in check_torque(panda, [back])[0] if f.severity != "note"]
+
+
+def test_the_arm_as_the_urdf_counts_it_is_no_other_convention(panda, ur5, run, ur5_run):
+    assert [f.code for f in check_torque(panda, [run])[0]] == []
+    assert [f.code for f in check_torque(ur5, [ur5_run])[0]] == []
+
+
+def body(mass: float, x: float, y: float, z: float) -> Effect:
+    inertia = {f"inertia_{a}{b}": 0.05 * (a == b) for a, b in ("xx", "xy", "yy", "xz", "yz", "zz")}
+    return Effect("payload", (), {"mass": mass, "com_x": x, "com_y": y, "com_z": z} | inertia)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        body(6.0, -0.05, -0.09, 0.17),
+        body(5.0, 0.3, 0.0, 0.1),
+        Effect("joint_spring", ("wrist_1_joint",), {"stiffness": 12.0, "rest_position": 0.7}, {"shape": "linear"}),
+        Effect("gravity_tilt", (), {"roll": 1.4, "pitch": 0.5}),
+        Effect("position_offset", ("elbow_joint",), {"offset": 0.4}),
+        Effect("position_offset", ("wrist_2_joint",), {"offset": -0.5}),
+    ],
+    ids=["tool", "tool aside", "spring", "on a wall", "elbow", "wrist"],
+)
+def test_what_an_arm_may_have_beyond_its_description_is_no_other_convention(ur5, effect):
+    log = excitation(ur5, [*friction(ur5), effect], duration=16.0, rate=100.0)
+    assert "convention" not in [f.code for f in check_torque(ur5, [log])[0]]
+
+
+def test_a_wrist_that_a_tool_may_have_turned_is_doubtful_and_no_cure_is_given(panda, run):
+    found = check_torque(panda, [counted(run, {}, {6: np.pi / 2})])[0]
+    assert all(f.severity != "hard" and not f.suggestion for f in found if f.code == "convention")
+
+
+def test_a_joint_stays_within_its_limits_by_a_whole_turn(panda, run):
+    parts = stretches([run])
+    limits = _Limits(panda, parts)
+    low, high = panda.position_limits
+    for j in range(7):
+        for turn in range(4):
+            if (quarters := limits.within(j, 1, turn)) is not None:
+                assert quarters % 4 == turn
+                ends = [p.q[:, j] + quarters * np.pi / 2 for p in parts]
+                assert min(e.min() for e in ends) > low[j] - 0.21
+                assert max(e.max() for e in ends) < high[j] + 0.21
+    # Its elbow bends one way only.
+    assert limits.within(3, -1, 0) is None
+
+
+def test_a_joint_that_slides_has_no_quarter_turn():
+    robot = Robot.from_text(
+        """<robot name="slide"><link name="base"/>
+        <link name="a"><inertial><mass value="2"/>
+        <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="s" type="prismatic"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
+        <limit lower="-1" upper="1" effort="50" velocity="1"/></joint></robot>""",
+        "slide.urdf",
+    )
+    time = np.arange(400) / 100
+    run = Trajectory("run", "train", time, {"q": 0.1 * np.sin(time)[:, None], "tau": np.full((400, 1), 19.62)})
+    limits = _Limits(robot, stretches([run]))
+    assert [limits.within(0, s, 0) for s in (1, -1)] == [0, 0]
+    assert not limits.turns[0]
+
+
+def test_the_cure_is_what_a_log_yaml_takes():
+    convention = Convention((1, -1, 1), (0, 1, -2))
+    assert convention.changed == [1, 2]
+    assert convention.cure == {
+        "offset": {"q": [0.0, 1.570796, -3.141593]},
+        "sign": {"q": [1, -1, 1], "dq": [1, -1, 1], "tau": [1, -1, 1]},
+    }
+    assert Convention((1, 1), (0, 0)).cure == {}
+
+
+def test_a_guess_that_explains_as_much_leaves_no_convention(panda, run):
+    """An arm on a wall, say."""
+    log = counted(run, {}, {1: np.pi / 2})
+    parts = stretches([log])
+    columns = columns_of(panda, parts)
+    told = as_told(panda, Forms(columns))
+    assert check_convention(panda, parts, told, told, columns)
+    rival = replace(told, scores=tuple(s - 10.0 for s in told.scores))
+    assert check_convention(panda, parts, told, rival, columns) == []
+
+
+def as_told(robot: Robot, forms: Forms) -> Guess:
+    gravity = standing(robot)
+    scores = tuple(forms.fit(j, gravity).score for j in range(forms.n))
+    return Guess(gravity, (1,) * forms.n, tuple(range(forms.n)), None, None, 1.0, scores, 0.0)
+
+
+@pytest.mark.parametrize("joint", ["shoulder_lift_joint", "elbow_joint"])
+def test_one_large_rotor_is_no_clock(ur5, joint):
+    """Seventy times what the joint moves: but the others need no other clock."""
+    rotor = Effect("armature", (joint,), {"armature": 150.0})
+    log = excitation(ur5, [*friction(ur5), rotor], duration=30.0, rate=100.0)
+    assert "time_scale" not in [f.code for f in check_torque(ur5, [log])[0]]
+
+
+def test_links_of_three_times_the_inertia_are_no_clock(ur5, ur5_run):
+    still = np.zeros_like(ur5_run["q"])
+    dq = np.gradient(ur5_run["q"], ur5_run.dt, axis=0)
+    ddq = np.gradient(dq, ur5_run.dt, axis=0)
+    weight = ur5.inverse_dynamics(ur5_run["q"], still, still)
+    motion = ur5.inverse_dynamics(ur5_run["q"], dq, ddq) - weight
+    for times in (0.3, 3.0):
+        log = ur5_run.with_signals(tau=weight + times * motion)
+        assert "time_scale" not in [f.code for f in check_torque(ur5, [log])[0]]
+
+
+def test_a_unit_is_told_by_most_joints_not_by_one_of_two():
+    def fit(alpha: float) -> Fit:
+        return Fit(0.1, np.array([alpha, 0.0, 0.0, 0.0, 0.0]), 10.0)
+
+    free = np.zeros(2, bool)
+    assert _units(["a", "b"], [fit(0.0086), fit(0.92)], free) == []
+    (found,) = _units(["a", "b"], [fit(1e-3), fit(1.1e-3)], free)
+    assert found.code == "torque_unit"
+    assert found.severity == "hard"
