@@ -5,11 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import hybrid_dynamics.check.convention as convention_module
+import hybrid_dynamics.check.torque as torque_module
 from hybrid_dynamics.check.columns import columns_of, standing
-from hybrid_dynamics.check.convention import Convention, _Limits, check_convention
+from hybrid_dynamics.check.convention import Convention, _Counted, _Limits, check_convention
+from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.forms import Fit, Forms
-from hybrid_dynamics.check.guess import Guess
+from hybrid_dynamics.check.guess import Guess, few_rows
 from hybrid_dynamics.check.samples import stretches
+from hybrid_dynamics.check.suggestion import combined
 from hybrid_dynamics.check.torque import _units, check_torque
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.robots import Robot, find_description
@@ -119,9 +123,19 @@ def test_what_an_arm_may_have_beyond_its_description_is_no_other_convention(ur5,
     assert "convention" not in [f.code for f in check_torque(ur5, [log])[0]]
 
 
-def test_a_wrist_that_a_tool_may_have_turned_is_doubtful_and_no_cure_is_given(panda, run):
-    found = check_torque(panda, [counted(run, {}, {6: np.pi / 2})])[0]
-    assert all(f.severity != "hard" and not f.suggestion for f in found if f.code == "convention")
+def test_what_others_explain_as_well_is_doubtful_and_no_cure_is_given(panda, run, monkeypatch):
+    log = counted(run, {}, {1: np.pi / 2})
+    monkeypatch.setattr(convention_module, "_otherwise", lambda *given: [np.full(len(given[-1]), 0.015)])
+    (found,) = [f for f in check_torque(panda, [log])[0] if f.code == "convention"]
+    assert found.severity == "warning"
+    assert not found.suggestion
+
+
+def test_a_doubtful_convention_keeps_no_other_check_from_speaking(panda, run, monkeypatch):
+    doubtful = Finding("convention", "warning", "it looks as if")
+    monkeypatch.setattr(torque_module, "check_convention", lambda *_: [doubtful])
+    late = run.with_signals(tau=np.roll(run["tau"], 20, axis=0))
+    assert {"convention", "torque_delay"} <= {f.code for f in check_torque(panda, [late])[0]}
 
 
 def test_a_joint_stays_within_its_limits_by_a_whole_turn(panda, run):
@@ -158,11 +172,30 @@ def test_a_joint_that_slides_has_no_quarter_turn():
 def test_the_cure_is_what_a_log_yaml_takes():
     convention = Convention((1, -1, 1), (0, 1, -2))
     assert convention.changed == [1, 2]
-    assert convention.cure == {
+    assert convention.cure(np.zeros(3)) == {
         "offset": {"q": [0.0, 1.570796, -3.141593]},
         "sign": {"q": [1, -1, 1], "dq": [1, -1, 1], "tau": [1, -1, 1]},
     }
-    assert Convention((1, 1), (0, 0)).cure == {}
+    assert Convention((1, 1), (0, 0)).cure(np.zeros(2)) == {}
+
+
+def test_a_cure_comes_before_what_a_model_adds_to_the_positions():
+    known, read = np.array([0.3, 0.2]), np.array([0.5, -0.4])
+    convention = Convention((-1, 1), (1, 0))
+    cure = convention.cure(known)
+    counted = np.array([-1, 1]) * (read + known) + convention.offset
+    assert np.array(cure["sign"]["q"]) * read + np.array(cure["offset"]["q"]) + known == pytest.approx(counted)
+
+
+def test_a_cure_comes_on_top_of_what_the_log_yaml_has():
+    raw = np.array([0.5, -0.4])
+    old: dict[str, dict[str, list[float]]] = {"sign": {"q": [1, -1]}, "offset": {"q": [0.1, 0.2]}}
+    cure = Convention((1, -1), (0, 1)).cure(np.zeros(2))
+    new, _ = combined(old, [Finding("convention", "hard", "so", suggestion=cure)], ["a", "b"])
+    before = np.array([1, -1]) * raw + np.array([0.1, 0.2])
+    after = np.array(new["sign"]["q"]) * raw + np.array(new["offset"]["q"])
+    assert after == pytest.approx([before[0], -before[1] + np.pi / 2], abs=1e-6)
+    assert old["offset"]["q"] == [0.1, 0.2]
 
 
 def test_a_guess_that_explains_as_much_leaves_no_convention(panda, run):
@@ -180,6 +213,19 @@ def as_told(robot: Robot, forms: Forms) -> Guess:
     gravity = standing(robot)
     scores = tuple(forms.fit(j, gravity).score for j in range(forms.n))
     return Guess(gravity, (1,) * forms.n, tuple(range(forms.n)), None, None, 1.0, scores, 0.0)
+
+
+def test_little_of_many_joints_is_no_convention(panda, run, monkeypatch):
+    parts = stretches([run.with_signals(tau=run["tau"] + 5 * np.sin(run.time * np.arange(2, 9)[:, None]).T)])
+    columns = columns_of(panda, parts)
+    told = as_told(panda, Forms(columns))
+
+    def better(*_):
+        here = convention_module._scores(panda, few_rows(parts), told.gravity)
+        return [_Counted(Convention((1,) * 7, (0, 1, 0, 0, 0, 0, 0)), here - 0.4)]
+
+    monkeypatch.setattr(convention_module, "_search", better)
+    assert check_convention(panda, parts, told, told, columns) == []
 
 
 @pytest.mark.parametrize("joint", ["shoulder_lift_joint", "elbow_joint"])
@@ -210,3 +256,16 @@ def test_a_unit_is_told_by_most_joints_not_by_one_of_two():
     (found,) = _units(["a", "b"], [fit(1e-3), fit(1.1e-3)], free)
     assert found.code == "torque_unit"
     assert found.severity == "hard"
+
+
+@pytest.mark.parametrize("factor", [10.0, 100.0])
+def test_a_wrong_clock_of_one_joint_alone_is_told(factor):
+    text = """<robot name="pendulum"><link name="base"/>
+        <link name="a"><inertial><origin xyz="0 0 -.3"/><mass value="2"/>
+        <inertia ixx=".02" iyy=".02" izz=".02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="s" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+        <limit lower="-3" upper="3" effort="50" velocity="9"/></joint></robot>"""
+    robot = Robot.from_text(text, "pendulum.urdf")
+    run = excitation(robot, friction(robot, 0.002), duration=30.0, rate=200.0)
+    slow = Trajectory("run", "train", run.time * factor, run.signals)
+    assert "time_scale" in [f.code for f in check_torque(robot, [slow])[0]]

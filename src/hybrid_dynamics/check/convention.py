@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.check.columns import Columns, columns_of
-from hybrid_dynamics.check.completed import Completed, body_of
+from hybrid_dynamics.check.columns import Columns
+from hybrid_dynamics.check.completed import Completed, beside_body, body_of
 from hybrid_dynamics.check.cures import turned
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.forms import FLOOR, Forms
 from hybrid_dynamics.check.guess import CERTAIN, CHANGED, SIGN, UNEXPLAINED, Guess, few_rows, left_of
 from hybrid_dynamics.check.pulled import body_leaves, spring_leaves, tool_leaves
-from hybrid_dynamics.check.samples import Stretch
+from hybrid_dynamics.check.samples import Stretch, direction
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
@@ -31,16 +31,21 @@ from hybrid_dynamics.types import Array
 ZERO, BACKWARDS = 0.7, 2 * SIGN
 #: Asked only where a joint leaves more than this share of its torque's mean square.
 LEFT = 0.05
-#: Readings that are followed at once, and the rows that they are tried on, about.
-WIDTH, ROWS = 8, 500
+#: Readings that are followed at once, and the rows that they are tried on, about; readings tried at a time, and where
+#: all pairs of joints are asked. Of many joints fewer are followed.
+WIDTH, ROWS, AT_ONCE, PAIRS = 8, 400, 400, 2800
 #: So many readings that do as well are told at most.
 MOST = 2
 #: So much of what is gained must be of joints that are explained then.
 MOSTLY = 0.8
 #: What leaves no more than this share of the mean square explains a joint as well as anything.
 SAME = 0.02
-#: Limits of a URDF are known to about this [rad].
-OUTSIDE = 0.2
+#: A joint moves where its positions range over more than this [rad, m].
+MOVES = 0.05
+#: Other causes explain plainly what they leave no more of than this share: nothing is asked then.
+PLAIN = 0.01
+#: Limits of a URDF are known to about this [rad], of a joint that slides [m].
+OUTSIDE, SLID = 0.2, 0.02
 
 
 @dataclass(frozen=True)
@@ -65,10 +70,10 @@ class Convention:
         """(n,) [rad]."""
         return np.pi / 2 * np.array(self.quarters, float)
 
-    @property
-    def cure(self) -> dict[str, Any]:
-        """Keys of a ``log.yaml`` that count so."""
-        offset = [round(float(x), 6) for x in self.offset]
+    def cure(self, known: Array) -> dict[str, Any]:
+        """Keys of a ``log.yaml`` that count so, before a model adds its own ``known`` offset (n,) to the positions."""
+        turned_round = np.array(self.sign) - 1.0
+        offset = [round(float(x), 6) + 0.0 for x in self.offset + turned_round * known]
         backwards = [j for j, s in enumerate(self.sign) if s < 0]
         return {
             **({"offset": {"q": offset}} if any(offset) else {}),
@@ -81,7 +86,7 @@ class Convention:
             " and ".join(
                 [
                     *(["the other way round"] if self.sign[j] < 0 else []),
-                    *([f"from a zero {abs(90 * self.quarters[j])} deg off"] if self.quarters[j] else []),
+                    *([f"from a zero about {abs(90 * self.quarters[j])} deg off"] if self.quarters[j] else []),
                 ]
             )
             + f" at {names[j]} (q of the URDF = {'-' if self.sign[j] < 0 else ''}q read"
@@ -119,7 +124,12 @@ def check_convention(
     None where a tool, or of every joint that it explains a link or a spring, explains more; a warning where they do
     as well; else hard, with a cure where no other convention is nearly as good.
     """
-    if max(map(left_of, told.scores)) <= LEFT:
+    robot, names = body_of(model), body_of(model).joint_names
+    before = np.array([left_of(s) for s in told.scores])
+    q = np.concatenate([p.q for p in parts])
+    # What is left of a joint that stands is noise, whatever it counts from.
+    unexplained = [int(j) for j in np.flatnonzero((before > LEFT) & (np.ptp(q, axis=0) > MOVES))]
+    if not unexplained or any(np.all(x <= PLAIN) for x in _otherwise(robot, q, columns, [told, best], unexplained)):
         return []
     few = few_rows(parts)
     here = _scores(model, few, told.gravity)
@@ -127,22 +137,17 @@ def check_convention(
     gain = float(here.sum()) - chosen.total
     if gain < max(told.total - best.total, 0.0) + CERTAIN:
         return []
-    robot, names = body_of(model), body_of(model).joint_names
-    before = np.array([left_of(s) for s in told.scores])
     # On the footing of all rows, by what is told there.
     after = np.array([left_of(s) for s in chosen.scores - here + np.array(told.scores)])
     gained = here - chosen.scores
-    if gained[after < UNEXPLAINED].sum() < MOSTLY * gained.sum():
-        return []
     better = [int(j) for j in np.flatnonzero(gained > CERTAIN)]
-    q = np.concatenate([p.q for p in parts])
-    # One joint's torque is easily explained by one link; that of several joints not by one each.
-    bodies = np.array([_otherwise(robot, q, columns, told.gravity, j) for j in better])
-    tool = tool_leaves(robot, q, columns, told.gravity, better)
-    so = after[better]
-    if any(np.log((so + FLOOR) / (left + FLOOR)).sum() > CHANGED for left in (bodies, tool)):
+    if not better or gained[after < UNEXPLAINED].sum() < MOSTLY * gained.sum():
         return []
-    doubtful = any(bool(np.all(left <= np.maximum(so, SAME))) for left in (bodies, tool))
+    so = after[better]
+    alternatives = _otherwise(robot, q, columns, [told, best], better)
+    if any(np.log((so + FLOOR) / (left + FLOOR)).sum() > CHANGED for left in alternatives):
+        return []
+    doubtful = any(bool(np.all(left <= np.maximum(so, SAME))) for left in alternatives)
     counted = chosen.convention.changed
     rivals = [
         o.convention for o in others if o.total < chosen.total + CERTAIN or o.explained > chosen.explained + CERTAIN
@@ -168,22 +173,38 @@ def check_convention(
             "warning" if doubtful else "hard",
             text,
             joint=names[counted[0]] if len(counted) == 1 else "",
-            suggestion={} if doubtful or rivals else chosen.convention.cure,
+            suggestion={} if doubtful or rivals else chosen.convention.cure(_known_offset(model)),
         )
     ]
 
 
-def _otherwise(robot: Robot, q: Array, columns: Columns, gravity: Array, j: int) -> float:
-    """Share of the mean square of joint ``j`` that a link it carries, weighing otherwise, or a spring leaves."""
-    return min(body_leaves(robot, q, columns, gravity, j), spring_leaves(columns, q[:, j], gravity, j))
+def _otherwise(
+    robot: Robot, q: Array, columns: Columns, guesses: Sequence[Guess], joints: Sequence[int]
+) -> list[Array]:
+    """Shares (m,) of the mean squares of ``joints`` that other causes leave, under the gravity of each of ``guesses``:
+    a link that weighs otherwise or a spring, of each joint its own, and one tool on the last link."""
+    out = []
+    for gravity in {tuple(map(float, guess.gravity)): guess.gravity for guess in guesses}.values():
+        # One joint's torque is easily explained by one link; that of several joints not by one each.
+        each = [
+            min(body_leaves(robot, q, columns, gravity, j), spring_leaves(columns, q[:, j], gravity, j)) for j in joints
+        ]
+        out += [np.array(each), tool_leaves(robot, q, columns, gravity, joints)]
+    return out
+
+
+def _known_offset(model: Robot | Completed) -> Array:
+    """(n,) [rad] what ``model`` adds to the positions that a log gives it."""
+    n = body_of(model).n_joints
+    return np.zeros(n) if isinstance(model, Robot) else np.zeros(n) + model.readings.offset
 
 
 def _search(model: Robot | Completed, parts: Sequence[Stretch], gravity: Array) -> list[_Counted]:
-    """Conventions by which ``parts`` explain their torque, the best first; as it is read among them.
+    """Conventions by which ``parts`` explain their torque, the best first; as it is read is one that is asked.
 
-    From :data:`WIDTH` readings at a time one joint is counted otherwise, until that has twice led to nothing better:
-    of two joints that are both turned round, one turned back may look worse. Where several joints are hardly explained,
-    from every reading of one joint: all pairs of joints are asked.
+    From a few readings at a time one joint is counted otherwise, until that has twice led to nothing better:
+    of two joints that are both turned round, one turned back may look worse. Where a joint is hardly explained,
+    from every reading of one joint (of many joints the best): pairs of joints are asked.
     """
     limits = _Limits(body_of(model), parts)
     coarse = few_rows(parts, ROWS)
@@ -193,13 +214,17 @@ def _search(model: Robot | Completed, parts: Sequence[Stretch], gravity: Array) 
 
     front = [counted(_as_read(body_of(model).n_joints), coarse)]
     seen = {front[0].convention: front[0]}
-    several = sum(left_of(s) > UNEXPLAINED for s in front[0].scores) > 1
-    best, idle, width = front[0].total, 0, None if several else WIDTH
+    moving = np.ptp(np.concatenate([p.q for p in coarse]), axis=0) > MOVES
+    hardly = np.any(moving & (np.array([left_of(s) for s in front[0].scores]) > UNEXPLAINED))
+    steps = len(list(_steps(front[0].convention, limits)))
+    narrow, wide = (max(most // max(steps, 1), 1) for most in (AT_ONCE, PAIRS))
+    follow = min(WIDTH, narrow)
+    best, idle, width = front[0].total, 0, wide if hardly else follow
     while front and idle < 2:
         asked = {c for one in front for c in _steps(one.convention, limits)} - set(seen)
         tried = [counted(c, coarse) for c in sorted(asked, key=_order)]
         seen |= {t.convention: t for t in tried}
-        front, width = sorted(tried, key=lambda t: t.total)[:width], WIDTH
+        front, width = sorted(tried, key=lambda t: t.total)[:width], follow
         least = min((t.total for t in front), default=np.inf)
         idle = 0 if least < best else idle + 1
         best = min(best, least)
@@ -247,7 +272,7 @@ class _Limits:
         read, there = (
             max(self._low[j] - low, high - self._high[j], 0.0) for low, high in ((self._least[j], self._most[j]), ends)
         )
-        return bool(there <= read + OUTSIDE)
+        return bool(there <= read + (OUTSIDE if self.turns[j] else SLID))
 
 
 def _order(convention: Convention) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -260,5 +285,12 @@ def _as_read(n: int) -> Convention:
 
 def _scores(model: Robot | Completed, parts: Sequence[Stretch], gravity: Array) -> Array:
     """(n,) how well the joints' torque is explained: natural logarithm of the share that is left."""
-    forms = Forms(columns_of(model, parts))
+    q, dq, ddq, tau = (np.concatenate([getattr(p, s) for p in parts]) for s in ("q", "dq", "ddq", "tau"))
+    standing = body_of(model).copy()
+    standing.model.gravity.linear = gravity
+    # Gravity is not asked about: one pass holds it and the motion.
+    rigid = standing.inverse_dynamics(q, dq, ddq)
+    none = np.zeros((*q.shape, 3))
+    columns = Columns(rigid, none, beside_body(model, parts, q, dq, ddq), dq, ddq, direction(dq), tau)
+    forms = Forms(columns)
     return np.array([forms.fit(j, gravity).score for j in range(forms.n)])

@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from hybrid_dynamics.check.columns import columns_of
 from hybrid_dynamics.check.completed import Completed
-from hybrid_dynamics.check.forms import FLOOR, Forms
+from hybrid_dynamics.check.forms import FLOOR, Fit, Forms
 from hybrid_dynamics.check.samples import Stretch
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
@@ -77,7 +77,7 @@ def best_guess(model: Robot | Completed, parts: Sequence[Stretch], forms: Forms,
     guesses = [told]
     for g in gravities:
         guesses += [_assigned(forms, told, g, identity), _assigned(forms, told, g, None)]
-    guesses += [paced(forms, told, pace) for pace in PACES]
+    guesses += [_paced(forms, told, pace) for pace in PACES]
     best = min(guesses, key=lambda guess: guess.total)
     if np.exp(max(best.scores)) > UNEXPLAINED and n > 1:
         best = min([best, *_rearranged(model, parts, told, best)], key=lambda guess: guess.total)
@@ -125,29 +125,37 @@ def _assigned(forms: Forms, told: Guess, gravity: Array, source: tuple[int, ...]
     return replace(told, gravity=gravity, sign=signs, source=source, scores=scores, price=price)
 
 
-def paced(forms: Forms, told: Guess, pace: float) -> Guess:
+def _paced(forms: Forms, told: Guess, pace: float) -> Guess:
     """The guess of another clock; beyond any price where a joint that needs none contradicts it, or where links of a
-    plausible other inertia explain as much.
+    plausible other inertia explain as much."""
+    scores = tuple(forms.fit(j, told.gravity, pace=pace).score for j in range(forms.n))
+    out = replace(told, pace=pace, scores=scores, price=PACE)
+    # Inertia goes with the square of the pace.
+    other = PLAUSIBLE ** (0.5 if pace > 1 else -0.5)
+    alike = forms.total(told.gravity, other) < out.total + CERTAIN
+    return replace(out, price=np.inf) if alike or contradicted(forms, told, pace) else out
+
+
+def contradicted(forms: Forms, guess: Guess, pace: float) -> bool:
+    """Whether a joint that needs no other clock, as ``guess`` reads its torque, speaks against this one.
 
     One clock drives all joints: a link that weighs what it should is a hundred times as heavy by a clock that is ten
     times wrong, and what else one joint lacks is no clock where another is explained worse so.
     """
-    fits = [forms.fit(j, told.gravity, pace=pace) for j in range(forms.n)]
-    out = replace(told, pace=pace, scores=tuple(fit.score for fit in fits), price=PACE)
-    # Inertia goes with the square of the pace.
-    other = PLAUSIBLE ** (0.5 if pace > 1 else -0.5)
-    if forms.total(told.gravity, other) < out.total + CERTAIN:
-        return replace(out, price=np.inf)
-    for j, fit in enumerate(fits):
-        own = forms.fit(j, told.gravity)
+
+    def fit(j: int, pace: float = 1.0, links: bool = True) -> Fit:
+        return forms.fit(j, guess.gravity, guess.source[j], guess.sign[j], pace, links, links)
+
+    for j in range(forms.n):
+        own, other = fit(j), fit(j, pace)
         if own.left >= UNEXPLAINED:
             continue
-        sane, still = (1 / PLAUSIBLE <= f.coefficients[0] <= PLAUSIBLE for f in (own, fit))
+        sane, still = (1 / PLAUSIBLE <= f.coefficients[0] <= PLAUSIBLE for f in (own, other))
         # Without what links weigh by this clock, or with what they do by the other.
-        against = forms.fit(j, told.gravity, rotor=False, links=False) if sane and not still else fit
-        if max(against.score, fit.score) - own.score > AGAINST:
-            return replace(out, price=np.inf)
-    return out
+        against = fit(j, links=False) if sane and not still else other
+        if max(against.score, other.score) - own.score > AGAINST:
+            return True
+    return False
 
 
 def _rearranged(model: Robot | Completed, parts: Sequence[Stretch], told: Guess, best: Guess) -> list[Guess]:

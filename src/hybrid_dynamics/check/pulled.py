@@ -22,6 +22,8 @@ from hybrid_dynamics.types import Array
 POWERS = (1, 2, 3)
 #: Friction that drives speaks where it makes this share of the torque's mean square.
 SPEAKS = 0.01
+#: Gains of a joint's torque beside a tool.
+GAINS = (0.3, 3.0)
 #: Between these multiples of its description a coupled joint's own rigid-body torque must be.
 AS_DESCRIBED = (0.5, 2.0)
 #: Plausible changes (half a link's mass, shifted by its own size) within which links may weigh otherwise, and the rows
@@ -104,28 +106,30 @@ def body_leaves(robot: Robot, q: Array, columns: Columns, gravity: Array, j: int
 
 
 def tool_leaves(robot: Robot, q: Array, columns: Columns, gravity: Array, joints: Sequence[int]) -> Array:
-    """Shares (m,) of the mean squares of the torques of m ``joints`` that are left with one tool of any weight
-    on the last link; positions ``q`` (K, n) [rad]."""
-    step = max(len(q) // ROWS, 1)
-    rows = slice(None, None, step)
+    """Shares (m,) of the mean squares of the torques of m ``joints`` that are left with one tool of any weight on the
+    last link, the links as described up to a gain (:data:`GAINS`); positions ``q`` (K, n) [rad]."""
+    rows = slice(None, None, max(len(q) // ROWS, 1))
     standing = robot.copy()
     standing.model.gravity.linear = gravity
     regressor = standing.regressor(q[rows], columns.dq[rows], columns.ddq[rows])[:, :, -10:]
     torque, tables = [], []
     for place, j in enumerate(joints):
-        own = (columns.tau[:, j] - columns.model(j, gravity))[rows]
-        size = max(float(columns.tau[rows, j].std()), 1e-300)
-        free = np.zeros((len(own), 3 * len(joints)))
-        free[:, 3 * place : 3 * place + 3] = columns.free(j)[rows, :3]
-        table = np.column_stack([free, regressor[:, j]])
+        tau = columns.tau[rows, j]
+        size = float(tau.std()) or 1.0
+        own = np.zeros((len(tau), 4 * len(joints)))
+        own[:, 4 * place : 4 * place + 4] = np.column_stack(
+            [columns.model(j, gravity)[rows], columns.free(j)[rows, :3]]
+        )
+        table = np.column_stack([own, regressor[:, j]])
         # Of every joint as a share of its own torque.
         tables.append((table - table.mean(axis=0)) / size)
-        torque.append((own - own.mean()) / size)
-    low = np.concatenate([np.zeros(3 * len(joints) + 1), np.full(9, -np.inf)])
+        torque.append((tau - tau.mean()) / size)
+    low = np.concatenate([np.tile([GAINS[0], 0.0, 0.0, 0.0], len(joints)), [0.0], np.full(9, -np.inf)])
+    high = np.concatenate([np.tile([GAINS[1], np.inf, np.inf, np.inf], len(joints)), np.full(10, np.inf)])
     table = np.concatenate(tables)
     scale = np.linalg.norm(table, axis=0)
     scale[scale == 0] = 1.0
-    x = lsq_linear(table / scale, np.concatenate(torque), (low * scale, np.full(len(low), np.inf))).x / scale
+    x = lsq_linear(table / scale, np.concatenate(torque), (low * scale, high * scale)).x / scale
     return np.array([float(np.mean((t - own @ x) ** 2)) for t, own in zip(torque, tables, strict=True)])
 
 

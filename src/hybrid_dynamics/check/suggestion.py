@@ -25,6 +25,10 @@ def combined(
         if keys & taken:
             continue
         taken |= keys
+        # What was added to a signal is turned round with it; then its own offset comes on top.
+        for signal, value in finding.suggestion.get("sign", {}).items():
+            if (old := out.get("offset", {}).get(signal)) is not None:
+                out["offset"][signal] = _product(old, value)
         for key, value in finding.suggestion.items():
             out[key] = _entered(key, out.get(key), value, joint_names)
         told.append(f"mends {finding.code}: {', '.join(sorted(keys))} ({finding.text.split(';')[0]})")
@@ -45,6 +49,8 @@ def _entered(key: str, old: Any, new: Any, joints: Sequence[str]) -> Any:
     for signal, value in new.items():
         if key in ("sign", "gain"):
             both[signal] = _product(both.get(signal), value)
+        elif key == "offset":
+            both[signal] = _sum(both.get(signal), value)
         elif key == "columns":
             both[signal] = _picked(both.get(signal), signal, value, joints)
         else:
@@ -53,11 +59,21 @@ def _entered(key: str, old: Any, new: Any, joints: Sequence[str]) -> Any:
 
 
 def _product(old: Any, new: Sequence[float]) -> list[float]:
-    factors = [1.0] if old is None else [float(v) for v in (old if isinstance(old, Sequence) else [old])]
-    count = max(len(factors), len(new))
-    wide = [list(v) * (count if len(v) == 1 else 1) for v in (factors, list(new))]
-    values = [a * b for a, b in zip(*wide, strict=True)]
+    values = [a * b for a, b in _both(1.0, old, new)]
     return [int(v) if v in (1.0, -1.0) else v for v in values]
+
+
+def _sum(old: Any, new: Sequence[float]) -> list[float]:
+    return [round(a + b, 6) for a, b in _both(0.0, old, new)]
+
+
+def _both(nothing: float, old: Any, new: Sequence[float]) -> list[tuple[float, float]]:
+    """Values of each joint, where one stands for all of them too; ``nothing`` where there was none."""
+    given = nothing if old is None else old
+    first = [float(v) for v in (given if isinstance(given, Sequence) else [given])]
+    count = max(len(first), len(new))
+    wide = [list(v) * (count if len(v) == 1 else 1) for v in (first, list(new))]
+    return list(zip(*wide, strict=True))
 
 
 def _picked(old: Any, signal: str, new: Sequence[str], joints: Sequence[str]) -> list[Any]:

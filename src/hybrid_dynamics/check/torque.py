@@ -25,9 +25,9 @@ from hybrid_dynamics.check.guess import (
     Guess,
     angle,
     best_guess,
+    contradicted,
     is_certain,
     left_of,
-    paced,
     shares_of,
 )
 from hybrid_dynamics.check.order import places
@@ -82,11 +82,13 @@ def check_torque(
     told, best = best_guess(model, parts, forms, gravity)
     if not _holds(told, best):
         best = told
-    if counted := check_convention(model, parts, told, best, columns):
+    counted = check_convention(model, parts, told, best, columns)
+    if any(f.severity == "hard" for f in counted):
         return counted, gravity
     names = robot.joint_names
     q = np.concatenate([p.q for p in parts])
     findings = [
+        *counted,
         *_signs(robot, told, best, columns, forms, q),
         *places(names, told, best, columns),
         *_clock(told, best),
@@ -282,7 +284,7 @@ def _rotors(robot: Robot, parts: Sequence[Stretch], forms: Forms, best: Guess) -
             times = rotor / max(float(own[j]), 1e-300)
             scale = 10 ** max(round(float(np.log10(times)) / 2), 1)
             # One clock drives all joints.
-            if not np.isfinite(paced(forms, best, float(np.sqrt(times))).price):
+            if contradicted(forms, best, float(np.sqrt(times))):
                 continue
             text = (
                 f"the torque would take a rotor of {rotor:.3g} kg m^2, {times:.0f} times what the joint moves: "

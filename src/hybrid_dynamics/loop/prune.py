@@ -30,9 +30,9 @@ FEWEST_COMMON = 3
 TWICE = 2.0
 #: Limits of a URDF are known to about this [rad].
 OUTSIDE = 0.2
-#: Further than this [rad] no zero is off: a zero a quarter turn away would be nearer, which is asked before the search
-#: (:mod:`hybrid_dynamics.check.convention`), and what one zero is known to.
-FARTHEST_ZERO = np.pi / 4 + OUTSIDE
+#: Further than this [rad] no zero is off: from a zero a quarter turn away, which is asked before the search
+#: (:mod:`hybrid_dynamics.check.convention`), it would be less than half of that.
+FARTHEST_ZERO = 1.2
 #: Relative distance within which a coordinate stands on its bound.
 BOUND = 1e-6
 
