@@ -126,10 +126,7 @@ def tool_leaves(robot: Robot, q: Array, columns: Columns, gravity: Array, joints
         torque.append((tau - tau.mean()) / size)
     low = np.concatenate([np.tile([GAINS[0], 0.0, 0.0, 0.0], len(joints)), [0.0], np.full(9, -np.inf)])
     high = np.concatenate([np.tile([GAINS[1], np.inf, np.inf, np.inf], len(joints)), np.full(10, np.inf)])
-    table = np.concatenate(tables)
-    scale = np.linalg.norm(table, axis=0)
-    scale[scale == 0] = 1.0
-    x = lsq_linear(table / scale, np.concatenate(torque), (low * scale, high * scale)).x / scale
+    x, _, _ = _bounded(np.concatenate(tables), np.concatenate(torque), low, high)
     return np.array([float(np.mean((t - own @ x) ** 2)) for t, own in zip(torque, tables, strict=True)])
 
 
@@ -137,7 +134,9 @@ def _bounded(table: Array, torque: Array, low: Array, high: Array) -> tuple[Arra
     """Least squares of ``torque`` (K,), without a mean, by columns ``table`` (K, p) less their means, coefficients
     between ``low`` and ``high`` (p,): these, the columns, and the sum of squares that is left."""
     table = table - table.mean(axis=0)
-    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    size = np.linalg.norm(table, axis=0)
+    # A column of nothing keeps its size.
+    size[size == 0] = 1.0
     x = lsq_linear(table / size, torque, (low * size, high * size)).x / size
     left = torque - table @ x
     return x, table, float(left @ left)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from hybrid_dynamics.check.convention import OUTSIDE
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.acting import readings
 from hybrid_dynamics.effects.inertia import cannot_be
@@ -28,8 +29,6 @@ from hybrid_dynamics.types import Array
 FEWEST_COMMON = 3
 #: The gain of a coefficient is as sure as half its standard errors.
 TWICE = 2.0
-#: Limits of a URDF are known to about this [rad].
-OUTSIDE = 0.2
 #: Further than this [rad] no zero is off: from a zero a quarter turn away, which is asked before the search
 #: (:mod:`hybrid_dynamics.check.convention`), it would be less than half of that.
 FARTHEST_ZERO = 1.2
