@@ -1,8 +1,9 @@
 """What physics demands of coordinates: bounds, bodies that can exist, friction that opposes the motion, in the end too.
 
 Friction takes energy (the second law). Of one effect its bounds see to that; a viscous curve may bend down only as far
-as the joint's other viscous terms carry it, and friction that becomes less as the joint warms up ends above zero: what
-grows without end over the time of a short log would drive the joint in a longer one.
+as the joint's other viscous terms carry it, at speeds beyond those of the logs as well, and friction that becomes less
+as the joint warms up ends above zero: what grows without end over the time of a short log would drive the joint in a
+longer one.
 """
 
 from __future__ import annotations
@@ -20,8 +21,11 @@ from hybrid_dynamics.loop.solve import Constraints
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
-#: Shares of a joint's fastest speed at which its viscous terms, or all its friction once warm, must oppose the motion.
-_SPEEDS = np.linspace(0.1, 1.0, 10)
+#: Friction opposes the motion up to the speed the URDF allows a joint, at most so many times the fastest of the logs:
+#: some URDFs carry a limit of a thousand, others none.
+BEYOND = 2.0
+#: Shares of that speed at which a joint's viscous terms, or all its friction once warm, must oppose the motion.
+_SPEEDS = np.linspace(0.05, 1.0, 20)
 
 
 def physical_constraints(
@@ -32,6 +36,7 @@ def physical_constraints(
     ``base`` holds the coordinates of effects that the starting model has already: they may become less, the sum must
     stay physical. ``fastest`` (n,) [rad/s] is the highest speed seen of each joint.
     """
+    reach = speeds_to_oppose(robot, fastest)
     least_of = [s.family().lower_bounds(robot, s) - base.get(s.as_finding, 0.0) for s in terms]
     lower = np.concatenate(least_of or [np.zeros(0)])
     bodies: list[tuple[int, Array]] = []
@@ -42,7 +47,7 @@ def physical_constraints(
 
     def oppose(joint: int, speeds: Array, kind: Callable[[Term], bool], unit: Callable[[Term, float], Array]) -> None:
         """What terms of that ``kind`` make together at ``joint``, ``unit`` of each coordinate, takes energy."""
-        for speed in speeds * fastest[joint]:
+        for speed in speeds * reach[joint]:
             row = np.zeros(total)
             for term, start in at:
                 if term.joint == joint and kind(term):
@@ -59,6 +64,15 @@ def physical_constraints(
     for j in _joints(terms, base, _is_lasting, lambda s: s.family().follows_time):
         oppose(j, np.concatenate([-_SPEEDS, _SPEEDS]), _is_lasting, lambda s, speed: _brakes(s, robot, speed))
     return Constraints(lower, tuple(bodies), np.array(rows).reshape(len(least), total), np.array(least))
+
+
+def speeds_to_oppose(robot: Robot, fastest: Array) -> Array:
+    """Speeds (n,) [rad/s, m/s] up to which friction must oppose the motion, of joints seen at ``fastest`` (n,).
+
+    A joint will move faster than in these logs, and a curve that fits them need not care what comes after.
+    """
+    limit = robot.velocity_limits
+    return np.asarray(np.clip(np.where(limit > 0, limit, np.inf), fastest, BEYOND * fastest))
 
 
 def _per_speed(term: Term, speed: float) -> Array:
