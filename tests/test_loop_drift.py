@@ -11,10 +11,13 @@ from tests.test_loop_beside import judged
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.drift import Drift
-from hybrid_dynamics.loop import LoopSettings, close_loop
+from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.diagnosis import Diagnosis
+from hybrid_dynamics.loop.further import further_candidates
+from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import process
 from hybrid_dynamics.loop.warming import friction_in_time, linear_prediction
+from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
@@ -46,6 +49,34 @@ def test_friction_that_warms_up_is_named_with_its_rate() -> None:
     assert gone == pytest.approx(-0.15 * 10.0 * (1 - np.exp(-2.0)), rel=0.1)
     # Control: friction that stays as it is has no drift.
     assert _named(_closed([COULOMB])) == [("coulomb_friction", SHOULDER)]
+
+
+@pytest.mark.parametrize(("runs", "seconds", "asked"), [(1, 20.0, False), (2, 20.0, True), (1, 40.0, True)])
+def test_one_short_run_is_not_asked_what_changes_while_it_lasts(runs: int, seconds: float, asked: bool) -> None:
+    logs = [_at_length(noisy_log([COULOMB, WARMING], seed, "train", NOISE), seconds) for seed in range(runs)]
+    settings = LoopSettings()
+    read = read_motion(ROBOT, logs, [noisy_log([COULOMB], 9, "test", NOISE)], settings)
+    judge, terms, _ = gather(Model(ROBOT), read, settings)
+    dry = next(t for t in terms if t.effect == "coulomb_friction" and t.joint == 0)
+    _, offered = further_candidates(judge.at([dry]), [dry])
+    assert any(t.effect == "drift" for t in offered) is asked
+    # What is no law of the time is asked of either.
+    assert any(t.effect != "drift" for t in offered)
+
+
+@pytest.mark.slow
+def test_friction_that_changes_in_one_short_run_is_no_all_clear() -> None:
+    train, test = (noisy_log([COULOMB, WARMING], seed, split, NOISE) for seed, split in ((1, "train"), (4, "test")))
+    found = close_loop(ROBOT, [train], [test]).diagnosis
+    assert "drift" not in {name for name, _ in _named(found)}
+    assert found.verdict != "explained"
+
+
+def _at_length(log: Trajectory, seconds: float) -> Trajectory:
+    """``log`` of 20 s, once more behind itself where it shall be longer."""
+    times = round(seconds / (len(log.time) * log.dt))
+    signals = {name: np.vstack([log[name]] * times) for name in ("q", "dq", "tau")}
+    return Trajectory(log.name, log.split, np.arange(times * len(log.time)) * log.dt, signals)
 
 
 def test_friction_that_is_missing_is_no_friction_that_grows(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -281,7 +281,7 @@ class Family(Law):
 
     def is_none(self, x: Array, term: Term, dry_friction: float) -> bool:
         """True where coordinates ``x`` (p,) within their bounds are still no such effect, on a joint that in motion has
-        ``dry_friction`` [N m] in all, its own included: it stands for another."""
+        ``dry_friction`` [N m] in all, its own included (none where the term has no joint): it stands for another."""
         return False
 
     # -- published parameters -----------------------------------------------------------------------------------------

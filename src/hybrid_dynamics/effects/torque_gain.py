@@ -17,6 +17,9 @@ from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
+#: A gain of so much, or of one over it, is none of a sensor or a drive but a wrong unit or gear.
+_MOST = 2.0
+
 
 @register
 class TorqueGain(Family):
@@ -67,8 +70,11 @@ class TorqueGain(Family):
         return motion.torque[:, [term.joint]]
 
     def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
-        # Below one half it is no gain of a sensor but a wrong unit or gear, which a check of the log tells.
-        return np.array([-0.5])
+        # A wrong unit or gear is told by a check of the log.
+        return np.array([1.0 / _MOST - 1.0])
+
+    def is_none(self, x: Array, term: Term, dry_friction: float) -> bool:
+        return bool(1.0 + x[0] > _MOST)
 
     def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.ones(1)

@@ -16,6 +16,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Family, Motion, Term, family
 from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.prune import impossible
@@ -27,6 +28,8 @@ from hybrid_dynamics.loop.widen import too_few
 EXCESS = 0.1
 #: A law with more free numbers than this is named only where it is asked for.
 MOST_NUMBERS = 3
+#: A single run as long [s] shows what changes while it lasts; of shorter ones it takes two.
+LONG_RUN = 30.0
 #: Places that are offered at most.
 MOST_PLACES = 24
 #: Two laws of a joint count together where they lower the held-out error by so many times what either does alone.
@@ -70,8 +73,7 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, lis
             terms += kind.terms(evidence.robot, where, settings.options)
         if (where := where | hidden if kind.like_noise else where).any():
             terms += kind.propose([run.name for run in evidence.runs], motions, rest, where)
-    few = [s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS]
-    terms = [s for s in few if not evidence.has(s)]
+    terms = [s for s in _askable(evidence, terms) if not evidence.has(s)]
     judge = judge.adding(terms)
     found = _promising(judge, chosen, terms, MOST_PLACES)
     if bodies:
@@ -88,6 +90,17 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, lis
     return judge.adding(found), found
 
 
+def _askable(evidence: Evidence, terms: Sequence[Term]) -> list[Term]:
+    """Those of ``terms`` that may be asked unnamed: of few numbers, and of the time only where its beginning shows.
+
+    One short run begins anywhere: what changes in its first seconds can stand for any law of the motion made in them.
+    """
+    longest = max(float(run.time[-1] - run.time[0]) for run in evidence.runs)
+    timed = len(evidence.runs) > 1 or longest >= LONG_RUN
+    few = [s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS]
+    return [s for s in few if timed or not s.family().follows_time]
+
+
 def further_beside(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """The judge at ``terms``, who has their columns, and terms of the further families on the joints that ``terms``
     name, and of all joints together.
@@ -102,7 +115,7 @@ def further_beside(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Ter
     asked = [t for name in settings.further for t in family(name).terms(evidence.robot, moving, settings.options)]
     # What all joints have together may stand behind a body and one joint's name, too.
     asked = [t for t in asked if t.joint is None or t.joint in named]
-    own = [s for s in dict.fromkeys(asked) if len(s.family().published(s.options)) <= MOST_NUMBERS]
+    own = _askable(evidence, asked)
     return judge.adding(own).at(terms), own
 
 
