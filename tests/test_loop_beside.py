@@ -12,6 +12,7 @@ from tests.small_arm import URDF, arm
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.base import HELD
+from hybrid_dynamics.effects.together import together
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.export.source import Source
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop, prune
@@ -138,6 +139,24 @@ def test_what_has_changed_since_is_a_finding(moved: float) -> None:
         (change,) = [line for line in result.diagnosis.notes if "since the starting model" in line]
         assert change.startswith(f"torque_offset of {SHOULDER}: offset changed from 0.3 to 1.")
     assert result.model.effects[: len(start.effects)] == start.effects
+
+
+@pytest.mark.parametrize(("joints", "whose"), [((), "all joints"), ((SHOULDER,), SHOULDER)])
+def test_gains_multiply_and_so_they_are_told(joints: tuple[str, ...], whose: str) -> None:
+    start = Model(ROBOT, (Effect("torque_gain", joints, {"gain": 1.2}),))
+    train, test = excitations(
+        ROBOT, [Effect("torque_gain", joints, {"gain": 1.8})], train=2, test=1, duration=8.0, rate=250.0
+    )
+    result = close_loop(ROBOT, train, test, start=start)
+    (change,) = [e.effect for e in result.diagnosis.effects]
+    assert (change.effect, change.joints) == ("torque_gain", joints)
+    assert change.parameters["gain"] == pytest.approx(1.5, rel=0.01)
+    (told,) = [line for line in result.diagnosis.notes if "since the starting model" in line]
+    assert told.startswith(f"torque_gain of {whose}: gain changed from 1.2 to 1.")
+    assert float(told.split(" to ")[1].split()[0]) == pytest.approx(1.8, rel=0.01)
+    # As one effect they read the torque as the two do one after the other.
+    (whole,) = together(result.model.effects, ROBOT)
+    assert whole.parameters["gain"] == pytest.approx(1.2 * change.parameters["gain"])
 
 
 def test_the_size_it_is_held_within_is_positive() -> None:

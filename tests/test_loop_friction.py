@@ -139,13 +139,22 @@ def test_less_viscous_friction_must_not_let_the_curve_of_the_starting_model_driv
 
 
 def test_friction_opposes_at_the_speeds_a_joint_may_do_not_only_at_those_seen(panda):
-    """Speeds of 1 rad/s seen of a joint that may do 2.175: a curve that turns round between the two is none."""
-    viscous, curved = Term("viscous_friction", 1), Term("nonlinear_viscous_friction", 1)
-    found = physical_constraints([viscous, curved], [0, 1], 3, {}, panda, np.full(7, 1.0))
-    # (Fv, F2, F3): the first turns round at 1.5 rad/s, the second at 1.58, the last beyond 2.
-    assert not found.satisfied(np.array([0.0, 60.0, -40.0]))
-    assert not found.satisfied(np.array([30.0, 60.0, -50.0]))
-    assert found.satisfied(np.array([90.0, 60.0, -50.0]))
+    """Speeds of 1 rad/s seen of a joint that may do 2: a curve that turns round between the two is none."""
+    coulomb, viscous = Term("coulomb_friction", 1), Term("viscous_friction", 1)
+    terms = [coulomb, viscous, Term("nonlinear_viscous_friction", 1)]
+    found = physical_constraints(terms, [0, 1, 2], 4, {}, panda, np.full(7, 1.0))
+    # (Fc, Fv, F2, F3) [N m] at 2 rad/s: 0 + 60 x 4 - 40 x 8 = -80; with 60 x 2 of viscous friction beside it 40.
+    assert not found.satisfied(np.array([0.0, 0.0, 60.0, -40.0]))
+    assert found.satisfied(np.array([0.0, 60.0, 60.0, -40.0]))
+    # 3 x 2 - 2 x 4 = -2 alone: dry friction of 5 carries it there, but not where the joint was seen.
+    assert not found.satisfied(np.array([1.0, 3.0, -2.0, 0.0]))
+    assert found.satisfied(np.array([5.0, 3.0, -2.0, 0.0]))
+    assert not found.satisfied(np.array([5.0, 1.5, -2.0, 0.0]))
+    # A starting model that drives at speeds nobody saw (3.2 x 2 - 2 x 4 < 0) lets what was seen become less.
+    base = {viscous: np.array([3.2]), terms[2]: np.array([-2.0, 0.0])}
+    less = physical_constraints([viscous], [0], 1, base, panda, np.full(7, 1.0))
+    assert less.satisfied(np.array([-1.0]))
+    assert not less.satisfied(np.array([-1.3]))
 
 
 def test_speeds_to_oppose_lie_between_those_seen_and_twice_those(panda):
@@ -163,22 +172,22 @@ def test_speeds_to_oppose_lie_between_those_seen_and_twice_those(panda):
 def test_friction_that_becomes_less_as_a_joint_warms_up_stays_friction(panda, of):
     drift = Term("drift", 1, (("of", of), ("time_constant", 30.0)))
     terms = [Term("coulomb_friction", 1), Term("viscous_friction", 1), drift]
-    limits = physical_constraints(terms, [0, 1, 2], 3, {}, panda, np.full(7, 2.5))
+    limits = physical_constraints(terms, [0, 1, 2], 3, {}, panda, np.full(7, 2.0))
     # With 1.5 N m and 2 N m s/rad at most all of the friction goes in the end: of dry friction where the joint is
-    # slowest (1.5 + 2 x 0.125 N m), of viscous friction where it is fastest (1.5 / 2.5 + 2 N m s/rad).
-    at = {"coulomb": 1.75, "viscous": 2.6}[of] / 30
+    # slowest (1.5 + 2 x 0.2 N m), of viscous friction where it is fastest (1.5 / 2 + 2 N m s/rad).
+    at = {"coulomb": 1.9, "viscous": 2.75}[of] / 30
     assert limits.satisfied(np.array([1.5, 2.0, -0.99 * at]))
     assert not limits.satisfied(np.array([1.5, 2.0, -1.01 * at]))
     # Friction that grows is friction; an offset may drift where it likes; another joint's friction is no help.
     assert limits.satisfied(np.array([1.5, 2.0, 5.0]))
     offset = Term("drift", 1, (("of", "offset"), ("time_constant", 30.0)))
-    free = physical_constraints([terms[0], offset], [0, 1], 2, {}, panda, np.full(7, 2.5))
+    free = physical_constraints([terms[0], offset], [0, 1], 2, {}, panda, np.full(7, 2.0))
     assert free.satisfied(np.array([0.0, -5.0]))
-    alone = physical_constraints([Term("coulomb_friction", 2), drift], [0, 1], 2, {}, panda, np.full(7, 2.5))
+    alone = physical_constraints([Term("coulomb_friction", 2), drift], [0, 1], 2, {}, panda, np.full(7, 2.0))
     assert not alone.satisfied(np.array([9.0, -1e-3]))
     # What the starting model has already counts.
     on_top = physical_constraints(
-        [drift], [0], 1, {terms[0]: np.array([1.5]), terms[1]: np.array([2.0])}, panda, np.full(7, 2.5)
+        [drift], [0], 1, {terms[0]: np.array([1.5]), terms[1]: np.array([2.0])}, panda, np.full(7, 2.0)
     )
     assert on_top.satisfied(np.array([-0.99 * at]))
     assert not on_top.satisfied(np.array([-1.01 * at]))

@@ -215,14 +215,3 @@ def test_a_zero_further_off_than_zeros_are_cannot_be(offset: float, gone: bool) 
         judge = judge.adding([zero]).at([zero])
     assert judge.evidence.fit([zero])[0] == pytest.approx(offset, abs=0.02)
     assert prune.impossible(judge, [zero]) == ([zero] if gone else [])
-
-
-@pytest.mark.parametrize(("gain", "is_none"), [(2.6, True), (1.6, False), (0.7, False)])
-@pytest.mark.parametrize("joints", [(SHOULDER,), ()])
-def test_a_torque_read_more_than_twice_too_large_is_a_unit_and_no_gain(
-    gain: float, is_none: bool, joints: tuple[str, ...]
-) -> None:
-    term = Term("torque_gain", 0 if joints else None)
-    judge = judged_with([Effect("torque_gain", joints, {"gain": gain})], Model(ROBOT)).adding([term]).at([term])
-    assert judge.evidence.fit([term])[0] == pytest.approx(gain - 1.0, abs=0.05)
-    assert prune.impossible(judge, [term]) == ([term] if is_none else [])

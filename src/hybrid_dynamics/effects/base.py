@@ -281,8 +281,12 @@ class Family(Law):
 
     def is_none(self, x: Array, term: Term, dry_friction: float) -> bool:
         """True where coordinates ``x`` (p,) within their bounds are still no such effect, on a joint that in motion has
-        ``dry_friction`` [N m] in all, its own included (none where the term has no joint): it stands for another."""
+        ``dry_friction`` [N m] in all, its own included: it stands for another."""
         return False
+
+    def summed(self, x: Array) -> Array:
+        """Coordinates (p,) of one effect that does what several at its place do, of coordinates ``x`` (m, p)."""
+        return np.asarray(x.sum(axis=0))
 
     # -- published parameters -----------------------------------------------------------------------------------------
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:

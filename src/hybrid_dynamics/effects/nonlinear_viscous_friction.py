@@ -1,8 +1,8 @@
 """Viscous friction that is not proportional to speed: tau = F2 dq |dq| + F3 dq^3.
 
 A lubricant that thins as it is sheared has F2 < 0; a fan or a churned oil bath F2 > 0. The coefficients may have either
-sign as long as the joint's viscous terms together oppose the motion: Fv + F2 v + F3 v^2 >= 0 for 0 <= v <= the speed
-the URDF allows the joint, at least the fastest of the training runs and at most twice that.
+sign as long as the joint's viscous terms together oppose the motion at all speeds seen, Fv + F2 v + F3 v^2 >= 0, and
+all its friction does up to the speed the URDF allows the joint, at most twice the fastest of the training runs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class NonlinearViscousFriction(Family):
     is_friction = True
     equation = (
         r"\tau = F_2\,\dot q\,|\dot q| + F_3\,\dot q^3,"
-        r"\quad F_v + F_2 v + F_3 v^2 \ge 0 \text{ at all speeds } v \text{ allowed}"
+        r"\quad F_v + F_2 v + F_3 v^2 \ge 0 \text{ at all speeds } v \text{ seen}"
     )
     size = 2
     parameters = (

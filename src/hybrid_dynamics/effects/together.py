@@ -16,7 +16,7 @@ def added_up(effects: Sequence[Effect], robot: Robot) -> Effect:
     last = effects[-1]
     term = last.term(robot)
     kind = term.family()
-    x = np.sum([kind.coordinates_of(e.parameters, robot, term) for e in effects], axis=0)
+    x = kind.summed(np.array([kind.coordinates_of(e.parameters, robot, term) for e in effects]))
     return replace(last, parameters=kind.parameters_of(x, robot, term))
 
 

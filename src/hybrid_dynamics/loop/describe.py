@@ -243,8 +243,9 @@ def _in_all(base: Model, effect: Effect) -> dict[str, dict[str, float]]:
 
 def _change(effect: Effect, in_all: Mapping[str, Mapping[str, float]], slides: Sequence[str]) -> list[str]:
     """What became of an effect of the starting model, a line a parameter."""
+    where = " ".join(effect.joints) or "all joints"
     return [
-        f"{effect.effect} of {effect.joints[0]}: {name} changed from {ends['start']:.4g} to {ends['now']:.4g} "
+        f"{effect.effect} of {where}: {name} changed from {ends['start']:.4g} to {ends['now']:.4g} "
         f"{unit_of(effect, name, slides)} since the starting model"
         for name, ends in in_all.items()
     ]

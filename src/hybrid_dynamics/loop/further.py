@@ -28,8 +28,8 @@ from hybrid_dynamics.loop.widen import too_few
 EXCESS = 0.1
 #: A law with more free numbers than this is named only where it is asked for.
 MOST_NUMBERS = 3
-#: A single run as long [s] shows what changes while it lasts; of shorter ones it takes two.
-LONG_RUN = 30.0
+#: Runs of less than so much in all [s] are not asked what changes while they last.
+TIMED = 25.0
 #: Places that are offered at most.
 MOST_PLACES = 24
 #: Two laws of a joint count together where they lower the held-out error by so many times what either does alone.
@@ -91,12 +91,11 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, lis
 
 
 def _askable(evidence: Evidence, terms: Sequence[Term]) -> list[Term]:
-    """Those of ``terms`` that may be asked unnamed: of few numbers, and of the time only where its beginning shows.
+    """Those of ``terms`` that may be asked unnamed: of few numbers, and of the time only where runs show it.
 
-    One short run begins anywhere: what changes in its first seconds can stand for any law of the motion made in them.
+    A short run begins anywhere: what changes in its first seconds can stand for any law of the motion made in them.
     """
-    longest = max(float(run.time[-1] - run.time[0]) for run in evidence.runs)
-    timed = len(evidence.runs) > 1 or longest >= LONG_RUN
+    timed = sum(float(run.time[-1] - run.time[0]) for run in evidence.runs) >= TIMED
     few = [s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS]
     return [s for s in few if timed or not s.family().follows_time]
 

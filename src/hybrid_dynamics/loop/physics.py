@@ -1,9 +1,9 @@
 """What physics demands of coordinates: bounds, bodies that can exist, friction that opposes the motion, in the end too.
 
 Friction takes energy (the second law). Of one effect its bounds see to that; a viscous curve may bend down only as far
-as the joint's other viscous terms carry it, at speeds beyond those of the logs as well, and friction that becomes less
-as the joint warms up ends above zero: what grows without end over the time of a short log would drive the joint in a
-longer one.
+as the joint's other viscous terms carry it, beyond the speeds of the logs as far as all its friction does, and friction
+that becomes less as the joint warms up ends above zero: what grows without end over the time of a short log would drive
+the joint in a longer one.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from hybrid_dynamics.loop.solve import Constraints
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
-#: Friction opposes the motion up to the speed the URDF allows a joint, at most so many times the fastest of the logs:
-#: some URDFs carry a limit of a thousand, others none.
-BEYOND = 2.0
-#: Shares of that speed at which a joint's viscous terms, or all its friction once warm, must oppose the motion.
-_SPEEDS = np.linspace(0.05, 1.0, 20)
+#: Shares of a joint's fastest speed at which its viscous terms, or all its friction once warm, must oppose the motion.
+_SPEEDS = np.linspace(0.1, 1.0, 10)
+#: Beyond that speed all friction of a joint with a curve must oppose the motion up to the speed the URDF allows, at
+#: most so many times the fastest of the logs (some URDFs carry a limit of a thousand, others none), at these shares.
+BEYOND, _BETWEEN = 2.0, np.linspace(0.25, 1.0, 4)
 
 
 def physical_constraints(
@@ -36,7 +36,6 @@ def physical_constraints(
     ``base`` holds the coordinates of effects that the starting model has already: they may become less, the sum must
     stay physical. ``fastest`` (n,) [rad/s] is the highest speed seen of each joint.
     """
-    reach = speeds_to_oppose(robot, fastest)
     least_of = [s.family().lower_bounds(robot, s) - base.get(s.as_finding, 0.0) for s in terms]
     lower = np.concatenate(least_of or [np.zeros(0)])
     bodies: list[tuple[int, Array]] = []
@@ -45,24 +44,36 @@ def physical_constraints(
     at = list(zip(terms, starts, strict=True))
     rows, least = [], []
 
+    def started(joint: int, speed: float, kind: Callable[[Term], bool], unit: Callable[[Term, float], Array]) -> float:
+        return sum(float(unit(s, speed) @ x) for s, x in base.items() if s.joint == joint and kind(s))
+
     def oppose(joint: int, speeds: Array, kind: Callable[[Term], bool], unit: Callable[[Term, float], Array]) -> None:
         """What terms of that ``kind`` make together at ``joint``, ``unit`` of each coordinate, takes energy."""
-        for speed in speeds * reach[joint]:
+        for speed in speeds:
             row = np.zeros(total)
             for term, start in at:
                 if term.joint == joint and kind(term):
                     row[start : start + term.size] = unit(term, speed)
             rows.append(row)
-            own = sum(float(unit(s, speed) @ x) for s, x in base.items() if s.joint == joint and kind(s))
+            own = started(joint, speed, kind, unit)
             # All that the starting model brakes with may go. One that drives at the speeds of this log (it was made at
             # others) need not be mended, only not be made worse.
             least.append(min(-own, 0.0))
 
+    def brakes(term: Term, speed: float) -> Array:
+        return _brakes(term, robot, speed)
+
+    reach = speeds_to_oppose(robot, fastest)
+    both = np.array([[-1.0], [1.0]])
     # Also where only the starting model is curved: less of a viscous term could let the rest drive.
     for j in _joints(terms, base, _is_viscous, lambda s: s.family().viscous_powers != (1,)):
-        oppose(j, _SPEEDS, _is_viscous, _per_speed)
+        oppose(j, _SPEEDS * fastest[j], _is_viscous, _per_speed)
+        beyond = np.ravel(both * (fastest[j] + _BETWEEN * (reach[j] - fastest[j])))
+        # A starting model that drives where these logs do not reach, or was made on slower ones, says nothing there.
+        if reach[j] > fastest[j] and all(started(j, speed, _is_lasting, brakes) >= 0 for speed in beyond):
+            oppose(j, beyond, _is_lasting, brakes)
     for j in _joints(terms, base, _is_lasting, lambda s: s.family().follows_time):
-        oppose(j, np.concatenate([-_SPEEDS, _SPEEDS]), _is_lasting, lambda s, speed: _brakes(s, robot, speed))
+        oppose(j, np.ravel(both * _SPEEDS * fastest[j]), _is_lasting, brakes)
     return Constraints(lower, tuple(bodies), np.array(rows).reshape(len(least), total), np.array(least))
 
 

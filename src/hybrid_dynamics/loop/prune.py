@@ -249,7 +249,7 @@ def impossible(judge: Judge, current: Sequence[Term]) -> list[Term]:
     for term, start in zip(layout.terms, layout.starts, strict=True):
         own = x[start : start + term.size]
         bodies = term.family().inertial_changes(own, robot, term)
-        none = term.family().is_none(own, term, 0.0 if term.joint is None else float(dry[term.joint]))
+        none = term.joint is not None and term.family().is_none(own, term, float(dry[term.joint]))
         if none or any(cannot_be(robot, change) for change in bodies) or _outside(evidence, term, own):
             out.append(term)
     return out

@@ -1,5 +1,5 @@
-"""Least squares in normal-equation form under physical constraints: lower bounds, friction that opposes the motion at
-every speed seen, and bodies that can exist.
+"""Least squares in normal-equation form under physical constraints: lower bounds, friction that opposes the motion,
+and bodies that can exist.
 
 Minimises x'Ax/2 - b'x. Without an active constraint this is one linear solve; otherwise a cone program for Clarabel
 (convex, since the pseudo-inertia of a body is linear in its parameters: Sousa and Cortesao, IJRR 2014; Wensing et al.,
