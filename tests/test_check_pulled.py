@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from hybrid_dynamics.check.columns import columns_of, standing
 from hybrid_dynamics.check.guess import best_guess
-from hybrid_dynamics.check.pulled import spring_leaves
+from hybrid_dynamics.check.pulled import _bounded, spring_leaves
 from hybrid_dynamics.check.samples import stretches
 from hybrid_dynamics.check.torque import check_torque
 from hybrid_dynamics.effects import Effect
@@ -120,3 +121,23 @@ def test_a_link_with_its_weight_on_the_other_side_is_no_torque_turned_round(pand
     # Control: friction that is turned round is of no body.
     run = excitation(panda, _friction(0.3), duration=6.0, rate=100.0, seed=3)
     assert _hard(panda, run.with_signals(tau=run["tau"] * np.where(np.arange(7) == 5, -1, 1))) == ["torque_sign"]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_columns_alike_or_of_rounding_leave_what_the_others_do(seed):
+    """A body behind a joint acts through few of its ten numbers: the rest is alike, or nothing but rounding."""
+    rng = np.random.default_rng(seed)
+    acts = rng.normal(size=(300, 6))
+    alike, rounding = acts @ rng.normal(size=(6, 6)), 1e-17 * rng.normal(size=(300, 4))
+    rounding[:, 3] += 0.1 * acts[:, 5]
+    torque = acts @ np.array([-1.0, 2.0, -1.0, 0.5, 1.0, 1.0]) + rng.normal(size=300)
+    torque -= torque.mean()
+    low, high = np.array([0.3, 0, 0, 0, *[-np.inf] * 10]), np.array([3.0, *[np.inf] * 13])
+    x, table, left = _bounded(np.hstack([acts[:, :4], alike, rounding]), torque, low, high)
+    assert np.all((low - 1e-9 <= x) & (x <= high + 1e-9))
+    assert left == pytest.approx(float(np.sum((torque - table @ x) ** 2)))
+    # The six columns that act, of which those alike make the last two, which have no bounds: no better, and no worse
+    # than with those that act alone bounded in all signs they may have.
+    free = lsq_linear(acts - acts.mean(axis=0), torque, (-np.inf, np.inf))
+    bound = lsq_linear(acts - acts.mean(axis=0), torque, ([0.3, 0, 0, 0, -np.inf, -np.inf], [3.0, *[np.inf] * 5]))
+    assert 2 * free.cost * (1 - 1e-9) <= left <= 2 * bound.cost * (1 + 1e-6)

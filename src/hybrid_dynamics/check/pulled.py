@@ -29,6 +29,8 @@ AS_DESCRIBED = (0.5, 2.0)
 #: Plausible changes (half a link's mass, shifted by its own size) within which links may weigh otherwise, and the rows
 #: that are asked, about.
 OTHERWISE, ROWS = 3.0, 2000
+#: A column smaller than this share of the largest is rounding.
+ROUNDING = 1e-10
 
 
 def coupling_leaves(columns: Columns, gravity: Array, j: int, k: int) -> float:
@@ -135,8 +137,11 @@ def _bounded(table: Array, torque: Array, low: Array, high: Array) -> tuple[Arra
     between ``low`` and ``high`` (p,): these, the columns, and the sum of squares that is left."""
     table = table - table.mean(axis=0)
     size = np.linalg.norm(table, axis=0)
-    # A column of nothing keeps its size.
-    size[size == 0] = 1.0
-    x = lsq_linear(table / size, torque, (low * size, high * size)).x / size
+    # A column of rounding, of a body that acts through no motion here, is nothing; scaled to one it would fit noise.
+    nothing = size <= ROUNDING * size.max(initial=0.0)
+    table[:, nothing], size[nothing] = 0.0, 1.0
+    # Columns alike leave directions open: there an interior method ends anywhere, an active set at the optimum.
+    r = np.asarray(np.linalg.qr(np.column_stack([table / size, torque]), mode="r"))
+    x = lsq_linear(r[:, :-1], r[:, -1], (low * size, high * size), method="bvls").x / size
     left = torque - table @ x
     return x, table, float(left @ left)
