@@ -396,7 +396,7 @@ CASES: list[Case] = [
     Case("an axis of zero", OTHER_URDF, urdf('axis xyz="0 1 0"', 'axis xyz="0 0 0"')),
     Case("an axis of two numbers", OTHER_URDF, urdf('axis xyz="0 1 0"', 'axis xyz="0 1"')),
     Case("a place that is no number", OTHER_URDF, urdf('xyz="0 0 0.4"', 'xyz="0 0 nan"')),
-    Case("no limits", OTHER_URDF, urdf('<limit lower="-2.5" upper="2.5" velocity="3" effort="60"/>', "")),
+    Case("no limits", OTHER_URDF, urdf('<limit lower="-2.5" upper="2.5" velocity="4" effort="60"/>', "")),
     Case("limits the wrong way round", OTHER_URDF, urdf('lower="-2.5" upper="2.5"', 'lower="2.5" upper="-2.5"')),
     Case("a negative effort limit", OTHER_URDF, urdf('effort="60"', 'effort="-60"')),
     Case("damping that drives", OTHER_URDF, urdf("</joint>", '<dynamics damping="-1"/></joint>')),

@@ -241,7 +241,7 @@ def test_a_velocity_that_is_not_the_derivative_is_measured_and_said(run, change,
 def test_a_velocity_of_zero_is_left_out_and_told(run):
     result = checked(arm(), [run.with_signals(dq=np.zeros_like(run["q"]))], [])
     assert "dq" not in result.train[0]
-    assert [f.code for f in result.findings if f.severity == "warning" and f.code != "beyond_speed"] == ["dq_zero"]
+    assert [f.code for f in result.findings if f.severity == "warning"] == ["dq_zero"]
 
 
 def test_a_late_velocity_is_left_out_and_told(run):
@@ -333,7 +333,7 @@ def test_a_fault_in_one_run_of_several_is_found_and_named(run):
         checked(arm(), turned, test)
     with pytest.raises(InputError, match=r"wrong sign"):
         checked(arm(), train, [test[0].with_signals(tau=-test[0]["tau"])])
-    assert {f.code for f in checked(arm(), train, test).findings} <= {"beyond_speed"}
+    assert checked(arm(), train, test).findings == ()
 
 
 def test_parameters_that_come_out_vague_are_named_in_words(run):
@@ -350,7 +350,7 @@ def test_parameters_that_come_out_vague_are_named_in_words(run):
 @pytest.mark.parametrize(("faster", "asked"), [(1.0, None), (1.3, False), (30.0, True)])
 def test_the_clock_is_asked_about_only_where_all_joints_are_far_too_fast(run, faster, asked):
     top = np.abs(np.gradient(run["q"], run.dt, axis=0)).max(axis=0)
-    slow = run.with_signals(q=run["q"] * 2.0 / top)  # rad/s; the limit is 3
+    slow = run.with_signals(q=run["q"] * 2.7 / top)  # rad/s; the limit is 4
     found = check_limits(arm(), [Trajectory("a", "train", run.time / faster / 1.4, slow.signals)])
     speeds = [f.text for f in found if f.code == "beyond_speed"]
     assert len(speeds) == (asked is not None)
