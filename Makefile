@@ -11,7 +11,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: dag help deps venv repro tables test tests lint style types params ui lock bench bench-peers check
+.PHONY: dag help pages deps venv repro tables test tests lint style types params ui lock bench bench-peers check
 
 help:
 	@echo "make repro   set up .venv, run the whole study (dvc repro in two lanes), print the tables and the report's path"
@@ -20,6 +20,7 @@ help:
 	@echo "make ui      MLflow's comparison of all methods, on http://127.0.0.1:5000"
 	@echo "make params  compose conf/ into params.yaml (after editing conf/)"
 	@echo "make deps    write into dvc.yaml what each stage imports (after an import or a method has changed)"
+	@echo "make pages   write what docs/ quotes of the code (after a new effect, or another message)"
 	@echo "make bench   ours and the peers side by side, into reports/benchmarks.csv (QUICK=1: three minutes)"
 
 venv: $(VENV)/.ready
@@ -75,6 +76,12 @@ params: venv
 # What each stage imports, and a stage for every method of the table, into dvc.yaml.
 deps: venv
 	@python -m stages.deps
+
+# What the documentation quotes of the code: the catalogue, what exports carry, what bad inputs bring.
+pages: venv
+	@python -m hybrid_dynamics.study.effect_pages docs/effects
+	@python -m hybrid_dynamics.export.reference docs/export.md
+	@python -m tests.bad_inputs
 
 # The stages as a picture that GitHub and GitLab draw.
 dag: venv

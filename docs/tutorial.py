@@ -21,9 +21,9 @@ URDF = """<robot name="arm">
   <link name="fore"><inertial><origin xyz="0 0 0.15"/><mass value="2"/>
     <inertia ixx="0.02" iyy="0.02" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-2.5" upper="2.5" velocity="3" effort="60"/></joint>
+    <limit lower="-2.5" upper="2.5" velocity="4" effort="60"/></joint>
   <joint name="elbow" type="revolute"><origin xyz="0 0 0.4"/><parent link="upper"/><child link="fore"/>
-    <axis xyz="0 1 0"/><limit lower="-2.5" upper="2.5" velocity="3" effort="30"/></joint>
+    <axis xyz="0 1 0"/><limit lower="-2.5" upper="2.5" velocity="4" effort="30"/></joint>
 </robot>
 """
 robot = Robot.from_text(URDF, "arm")

@@ -3,7 +3,7 @@
 A setting that the library has and its file in ``conf/`` lacks is first written there with its default: every number
 that shapes the study can be seen and overridden (`dvc exp run -S`). What stands there is never changed. The group of a
 method of the table that ``conf/config.yaml`` does not name yet is named there, and so is a data set: its own file says
-under ``studies`` in which lists of ``conf/study/`` it stands.
+under ``studies`` in which lists of ``conf/study/`` it stands. The full blind study hides every family of the catalogue.
 """
 
 import sys
@@ -20,6 +20,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from hybrid_dynamics.differentiate.registry import DIFFERENTIATORS
 from hybrid_dynamics.differentiate.settings import ZOH, DifferentiateSettings
+from hybrid_dynamics.effects import catalogue, family
 from hybrid_dynamics.errors import ConfigError, run_main
 from hybrid_dynamics.files import atomic_path
 from hybrid_dynamics.identification.least_squares import LeastSquaresSettings
@@ -38,6 +39,8 @@ ROOT = Path(__file__).resolve().parents[1]
 CONFIG = "config.yaml"
 #: How a data set is named among the defaults of ``conf/config.yaml``.
 DATASET = "dataset@dataset."
+#: The study that hides every family.
+EVERY_FAMILY = "blind/full.yaml"
 #: The file of a layer's group that the study begins with, where it is not ``default.yaml``.
 LAYER_FILES = {"sr": "operon", "sindy": "published", "sindy_scaled": "scaled", "nn": "paper"}
 
@@ -123,7 +126,8 @@ def complete(conf: Path) -> list[str]:
     if groups or sets:
         with atomic_path(path) as temporary:
             yaml.dump(document, temporary)
-    return added + [f"conf/{CONFIG}: {name}" for name in (*groups, *sets)] + _listed(conf, told, yaml)
+    added += [f"conf/{CONFIG}: {name}" for name in (*groups, *sets)]
+    return added + _listed(conf, told, yaml) + _hidden(conf, yaml)
 
 
 def studies(conf: Path) -> dict[str, dict[str, list[str]]]:
@@ -165,6 +169,21 @@ def _listed(conf: Path, told: Mapping[str, Mapping[str, Sequence[str]]], yaml: Y
             with atomic_path(path) as temporary:
                 yaml.dump(document, temporary)
     return added
+
+
+def _hidden(conf: Path, yaml: YAML) -> list[str]:
+    """Put every family that the full blind study does not hide yet among those it does, in the order of their names;
+    returns what was added."""
+    path = conf / EVERY_FAMILY
+    document = yaml.load(path.read_text("utf-8"))
+    families = document["blind"]["families"]
+    new = [name for name in catalogue(everything=True) if family(name).hidden and name not in families]
+    if new:
+        for name in new:
+            families.insert(sum(known < name for known in families), name)
+        with atomic_path(path) as temporary:
+            yaml.dump(document, temporary)
+    return [f"conf/{EVERY_FAMILY}: {name} under families" for name in new]
 
 
 def _insert(entries: list[Any], alike: Callable[[Any], bool], entry: dict[str, str]) -> None:

@@ -1,6 +1,6 @@
 """Bad inputs as a new user gives them: what is wrong, the command, and the one line that comes out.
 
-``python tests/bad_inputs.py`` writes the table of ``docs/bad_inputs.md``; the test
+``make pages`` writes the table of ``docs/bad_inputs.md``; the test
 beside this file runs every case and compares.
 """
 
@@ -516,7 +516,7 @@ def page(rows: list[tuple[Case, int, str]]) -> str:
     head = """# Bad inputs
 
 What comes out when something is wrong with what goes in: the command's exit code and its line. Written by
-`python tests/bad_inputs.py`; the tests run every row and compare. In the commands `bad.*` is the file that is wrong;
+`make pages`; the tests run every row and compare. In the commands `bad.*` is the file that is wrong;
 the others are good. `check` prints all findings as a table, of which the first is shown here.
 
 | what is wrong | command | exit | line |

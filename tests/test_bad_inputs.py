@@ -52,7 +52,7 @@ def test_the_page_says_what_comes_out(rows):
     assert len({case.what for case in CASES}) == len(CASES)
     if len(rows) == len(CASES):  # not where a single case was asked for
         made = page([rows[case.what] for case in CASES])
-        assert PAGE.read_text(encoding="utf-8") == made, "run: python tests/bad_inputs.py"
+        assert PAGE.read_text(encoding="utf-8") == made, "run: make pages"
 
 
 def tried(read) -> None:

@@ -100,6 +100,18 @@ def test_the_group_of_a_new_method_is_named_in_the_study(tmp_path):
     assert complete(tmp_path / "conf") == []
 
 
+def test_a_family_is_hidden_without_a_line_by_hand(tmp_path):
+    """A new effect takes part in the full blind study: make params writes its name, where it belongs."""
+    shutil.copytree(CONF, tmp_path / "conf")
+    file = tmp_path / "conf/blind/full.yaml"
+    text = file.read_text("utf-8")
+    file.write_text(text.replace("    - gravity_tilt\n", ""), "utf-8")
+    assert complete(tmp_path / "conf") == ["conf/blind/full.yaml: gravity_tilt under families"]
+    assert yaml.safe_load(file.read_text("utf-8")) == yaml.safe_load(text)
+    assert file.read_text("utf-8").count("#") == text.count("#")
+    assert complete(tmp_path / "conf") == []
+
+
 SMALL_ARM = """\
 title: Small arm
 studies: {{paper: [{lists}]}}
@@ -113,33 +125,33 @@ twin: null
 def test_a_data_set_is_one_file(tmp_path):
     """It says itself where it stands: no other line of conf/ is written by hand."""
     shutil.copytree(CONF, tmp_path / "conf")
-    (tmp_path / "conf/dataset/small_arm.yaml").write_text(SMALL_ARM.format(lists="recorded, park"), "utf-8")
+    (tmp_path / "conf/dataset/arm_of_a_test.yaml").write_text(SMALL_ARM.format(lists="recorded, park"), "utf-8")
     before = {file: file.read_text("utf-8") for file in tmp_path.rglob("*.yaml")}
     written = [
-        "conf/config.yaml: small_arm",
-        "conf/study/paper.yaml: small_arm under recorded",
-        "conf/study/paper.yaml: small_arm under park",
+        "conf/config.yaml: arm_of_a_test",
+        "conf/study/paper.yaml: arm_of_a_test under recorded",
+        "conf/study/paper.yaml: arm_of_a_test under park",
     ]
     assert complete(tmp_path / "conf") == written
     again = {file: file.read_text("utf-8") for file in tmp_path.rglob("*.yaml")}
     assert {file.name for file in again if again[file] != before[file]} == {"config.yaml", "paper.yaml"}
     for file in (tmp_path / "conf/config.yaml", tmp_path / "conf/study/paper.yaml"):
         took = [line for line in again[file].splitlines() if line not in before[file].splitlines()]
-        assert all("small_arm" in line for line in took)  # the rest and the comments as they were
+        assert all("arm_of_a_test" in line for line in took)  # the rest and the comments as they were
     compose(tmp_path / "params.yaml", [], tmp_path / "conf")
     params = load_params(tmp_path / "params.yaml")
-    assert "small_arm" in params["recorded"]
-    assert params["dataset"]["small_arm"]["title"] == "Small arm"
+    assert "arm_of_a_test" in params["recorded"]
+    assert params["dataset"]["arm_of_a_test"]["title"] == "Small arm"
     assert complete(tmp_path / "conf") == []
 
 
 def test_a_list_that_is_not_there_is_refused(tmp_path):
     shutil.copytree(CONF, tmp_path / "conf")
-    file = tmp_path / "conf/dataset/small_arm.yaml"
+    file = tmp_path / "conf/dataset/arm_of_a_test.yaml"
     written = [tmp_path / "conf" / name for name in ("study/paper.yaml", "config.yaml")]
     before = [path.read_text("utf-8") for path in written]
     file.write_text(SMALL_ARM.format(lists="recorded, parks"), "utf-8")
-    with pytest.raises(ConfigError, match=r"small_arm.yaml: paper.yaml has no list 'parks'; it has datasets,"):
+    with pytest.raises(ConfigError, match=r"arm_of_a_test.yaml: paper.yaml has no list 'parks'; it has datasets,"):
         complete(tmp_path / "conf")
     assert [path.read_text("utf-8") for path in written] == before  # nothing half-written
 

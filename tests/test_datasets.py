@@ -39,6 +39,10 @@ def test_every_dataset_of_conf_is_well_formed(name):
     section(PARAMS, f"dataset.{name}.differentiate", DifferentiateSettings)
     robot = section(PARAMS, f"dataset.{name}.robot", RobotSettings)
     assert section(PARAMS, f"dataset.{name}.title", str)
+    own = PARAMS["dataset"][name]
+    if not {"source", "simulation"} & set(own) and "runs" in own:
+        check_own_logs(name)
+        return
     if robot.urdf.startswith("source:") and not robot.fallback:
         # Of a recording that cannot be had without its own description; it is left out then.
         check_recorded(name, robot)
@@ -52,6 +56,25 @@ def test_every_dataset_of_conf_is_well_formed(name):
     if twin is not None:
         assert set(twin.follow) <= files
         assert len(twin.friction.viscous) == n
+
+
+def check_own_logs(name, params=PARAMS):
+    """Of one's own logs the files are elsewhere than in a clone: what is read in them must be said well."""
+    section(params, f"dataset.{name}.reader", ReaderSettings)
+    runs = section(params, f"dataset.{name}.runs", list[RecordedRun])
+    assert "train" in {run.split for run in runs}
+    assert len({run.name for run in runs}) == len({run.file for run in runs}) == len(runs)
+
+
+def test_own_logs_need_no_source():
+    """As the recipe of CONTRIBUTING.md has them; the control: one that stands twice."""
+    run = {"name": "first", "split": "train", "file": "logs/first.csv"}
+    own = {"reader": {"format": "log"}, "runs": [run]}
+    check_own_logs("mine", {"dataset": {"mine": own}})
+    with pytest.raises(AssertionError):
+        check_own_logs("mine", {"dataset": {"mine": {**own, "runs": [run, {**run, "name": "second"}]}}})
+    with pytest.raises(ConfigError, match="format"):
+        check_own_logs("mine", {"dataset": {"mine": {**own, "reader": {"format": "excel"}}}})
 
 
 def check_recorded(name, robot):

@@ -9,7 +9,7 @@ PAGE = (Path(__file__).parents[1] / "docs" / "export.md").read_text(encoding="ut
 
 
 def test_the_tables_are_those_of_the_code():
-    assert tables() in PAGE, "run: python -m hybrid_dynamics.export.reference, and put it into docs/export.md"
+    assert tables() in PAGE, "run: make pages"
 
 
 def test_every_format_is_explained():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.effect_examples import of_families_on
 from tests.small_arm import URDF
 from tests.support_export import imported, saved
 
@@ -53,6 +54,8 @@ ELSEWHERE = {
     "torque_ripple": "its torque is compared in test_export_programs; the loop's search for it is tested with it",
     "symbolic_torque": "its torque is compared in test_export_programs; the loop's search for it is tested with it",
 }
+#: And every other one of a joint.
+PLANTED |= of_families_on(E, {*PLANTED, *ELSEWHERE})
 RATE, SECONDS, NOISE = 400.0, 10.0, 0.02
 
 

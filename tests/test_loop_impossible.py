@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.small_arm import URDF
 from tests.test_loop_beside import ROBOT, SHOULDER, judged
 
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, Family, Term
 from hybrid_dynamics.effects.inertia import cannot_be, link_parameters, pseudo_inertia_basis, to_body
 from hybrid_dynamics.loop import LoopSettings, Model, alternatives, prune
 from hybrid_dynamics.loop import find as find_module
@@ -123,6 +123,23 @@ def test_a_rise_beside_other_dry_friction_of_its_joint_is_one() -> None:
     assert prune.impossible(judge, [rise, plain]) == [rise]
     judge = judged_with([Effect("stribeck_friction", (SHOULDER,), stribeck(1.0, 2.0, 0.3))], Model(ROBOT))
     assert prune.impossible(judge.adding([rise, plain]).at([rise]), [rise, plain]) == []
+
+
+UNDECLARED = Effect("hysteresis_friction", (SHOULDER,), {"presliding_stiffness": 40.0, "coulomb_torque": 1.0})
+LOADED = Effect("load_dependent_friction", (SHOULDER,), {"load_coefficient": 0.1})
+
+
+@pytest.mark.parametrize(("beside", "impossible"), [(UNDECLARED, True), (LOADED, False)])
+def test_only_friction_that_follows_the_load_may_hold_a_rise_that_falls_to_nothing(
+    monkeypatch: pytest.MonkeyPatch, beside: Effect, impossible: bool
+) -> None:
+    """A family that declares no dry friction, as a new one may, has none."""
+    hidden = Effect("stribeck_friction", (SHOULDER,), stribeck(0.0, 1.0, 0.3))
+    rise, other = hidden.term(ROBOT), beside.term(ROBOT)
+    judge = judged_with([hidden], Model(ROBOT))
+    judge = judge.adding([rise, other]).at([rise])
+    monkeypatch.setattr(type(other.family()), "in_descriptions", Family.in_descriptions)
+    assert (rise in prune.impossible(judge, [rise, other])) is impossible
 
 
 @pytest.mark.parametrize("times", [1.0, 1.4])

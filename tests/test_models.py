@@ -108,6 +108,8 @@ def test_round_trip_predicts_the_same_bits(arm, method, tmp_path):
     save_estimator(again, tmp_path / "b")
     for file in (tmp_path / "a").iterdir():
         assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes()
+    # Whoever may read one of the two files may read the other.
+    assert len({file.stat().st_mode for file in (tmp_path / "a").iterdir()}) == 1
 
 
 def test_arrays_stored_by_columns_come_back_in_their_places(arm, tmp_path):

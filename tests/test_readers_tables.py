@@ -82,6 +82,18 @@ def test_column_order_and_further_columns_do_not_matter(tmp_path: Path) -> None:
     np.testing.assert_allclose(run["q"], motion(UNIFORM)[0], atol=1e-9)
 
 
+def test_a_log_is_written_as_what_its_name_says(tmp_path: Path) -> None:
+    q, dq, tau = motion(UNIFORM)
+    run = Trajectory("run", "train", UNIFORM, {"q": q, "dq": dq, "tau": tau})
+    with pytest.raises(InputError, match=r"run.csv: a log is written as Parquet; give a name that ends in .parquet"):
+        write_log(tmp_path / "run.csv", run, JOINTS)
+    assert list(tmp_path.iterdir()) == []
+    write_log(tmp_path / "run.parquet", run, JOINTS)
+    (tmp_path / "run.parquet").rename(tmp_path / "run.csv")
+    with pytest.raises(InputError, match=r"run.csv: a Parquet file; give it a name that ends in .parquet"):
+        read_log(tmp_path / "run.csv", JOINTS)
+
+
 def test_parquet_round_trip_and_joint_names(tmp_path: Path) -> None:
     q, dq, tau = motion(UNIFORM)
     run = Trajectory("run", "train", UNIFORM, {"q": q, "dq": dq, "tau": tau})

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.effect_examples import of_families_on
 from tests.two_links import two_links
 
 from hybrid_dynamics.effects import Effect, catalogue, family, predict
@@ -46,6 +47,12 @@ CASES = {
     ),
     "armature": Effect("armature", ELBOW, {"armature": 0.05}),
     "tilt": Effect("gravity_tilt", (), {"roll": 0.0, "pitch": 1.0}),
+}
+#: What has no case of its own yet.
+CASES |= {
+    name: effect
+    for name, effect in of_families_on("elbow", {effect.effect for effect in CASES.values()}).items()
+    if family(name).has_law
 }
 
 

@@ -21,6 +21,8 @@ class Declared:
     searched: ClassVar[bool] = True
     #: Sought only where it is asked for by name: too free, or about the recording rather than the robot.
     asked_only: ClassVar[bool] = False
+    #: Hidden in the full study's cases; a law that is a text is not: none is more likely than another.
+    hidden: ClassVar[bool] = True
     #: A constant torque that acts within intervals of time: looked for as what stands out in time, not as a law.
     momentary: ClassVar[bool] = False
     #: A joint effect that may also be one for all joints together (no joint is named then).
@@ -61,7 +63,7 @@ class Declared:
     uses_body: ClassVar[bool] = False
     #: True where the effect changes what is read (a gain, an offset, a delay), not what the robot does.
     changes_reading: ClassVar[bool] = False
-    #: Powers of the speed, one for each coordinate, where the effect is a viscous torque x |dq|^power sign(dq).
+    #: Powers (1 to 3) of the speed, one a coordinate, where the effect is a viscous torque x |dq|^power sign(dq).
     viscous_powers: ClassVar[tuple[int, ...]] = ()
     #: True where the torque opposes the joint's motion: it may take energy, never give it.
     is_friction: ClassVar[bool] = False

@@ -30,6 +30,7 @@ class SymbolicTorque(Family):
     parameters = (Parameter("scale", "1"),)
     searched = False
     asked_only = True
+    hidden = False
     several = True
     drawn_against = "dq"
     shown_by = "the joint and those its law names move independently of each other"

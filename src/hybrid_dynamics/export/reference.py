@@ -1,13 +1,19 @@
-"""The tables of ``docs/export.md``: ``python -m hybrid_dynamics.export.reference`` prints them from the code."""
+"""The tables of ``docs/export.md``: ``python -m hybrid_dynamics.export.reference docs/export.md`` writes them from the
+code, behind the line that says so."""
 
 from __future__ import annotations
+
+import sys
+from pathlib import Path
 
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, catalogue, family
+from hybrid_dynamics.errors import ConfigError, run_main
 from hybrid_dynamics.export import NETWORK
 from hybrid_dynamics.export.carry import CARRIES
 from hybrid_dynamics.export.terms import WORDS, terms
+from hybrid_dynamics.files import atomic_path
 from hybrid_dynamics.robots import Robot
 
 _LINK = (
@@ -15,6 +21,8 @@ _LINK = (
     '</inertial></link><joint name="j{k}" type="revolute"><parent link="l{below}"/><child link="l{k}"/>'
     '<origin xyz="0 0 0.3"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>'
 )
+#: The line of the page behind which all is written.
+FROM_HERE = "<!-- from here on: make pages -->"
 #: Members drawn of each family.
 _DRAWS = 12
 
@@ -76,5 +84,15 @@ def tables() -> str:
     )
 
 
+def write(page: Path) -> None:
+    """Put the tables into ``page`` in the place of all behind the line :data:`FROM_HERE`; :class:`ConfigError` where it
+    has no such line."""
+    before, line, _ = page.read_text(encoding="utf-8").partition(FROM_HERE)
+    if not line:
+        raise ConfigError(f"{page}: no line {FROM_HERE!r}; put one in where the tables belong")
+    with atomic_path(page) as temporary:
+        temporary.write_text(f"{before}{FROM_HERE}\n\n{tables()}\n", encoding="utf-8")
+
+
 if __name__ == "__main__":
-    print(tables())
+    run_main(lambda: write(Path(sys.argv[1])))

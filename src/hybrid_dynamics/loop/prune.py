@@ -264,7 +264,7 @@ def _dry_friction(evidence: Evidence, layout: Layout, x: Array) -> Array:
         kind = term.family()
         if term.joint is not None and kind.is_friction and not kind.viscous_powers:
             named = kind.in_descriptions(kind.parameters_of(own, evidence.robot, term), term.options)
-            total[term.joint] += named.get("dry_friction", np.inf)
+            total[term.joint] += named.get("dry_friction", np.inf if kind.uses_load else 0.0)
     return total
 
 

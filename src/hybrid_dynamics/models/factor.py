@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.features import feature_names
@@ -64,7 +64,8 @@ class Factor:
         """Write to ``path`` (safetensors), atomically."""
         arrays = {"theta": self.theta, "torque": self.torque, "powers": self.powers, "variance": self.variance}
         with atomic_path(path) as temporary:
-            save_file({k: np.ascontiguousarray(v) for k, v in arrays.items()}, temporary, {"rows": str(self.rows)})
+            rows = {k: np.ascontiguousarray(v) for k, v in arrays.items()}
+            temporary.write_bytes(save(rows, {"rows": str(self.rows)}))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Factor:

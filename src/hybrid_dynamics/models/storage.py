@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file, save
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import atomic_path, write_json
@@ -33,7 +33,8 @@ def save_estimator(estimator: Estimator, folder: str | os.PathLike[str]) -> None
         # safetensors writes an array's memory: one stored by columns would come back with its values exchanged.
         rows = {name: np.ascontiguousarray(values) for name, values in weights.items()}
         with atomic_path(path) as temporary:
-            save_file(rows, temporary)
+            # Its own save_file makes a file that nobody else on the machine can read.
+            temporary.write_bytes(save(rows))
     else:
         path.unlink(missing_ok=True)
     write_json(Path(folder) / MODEL_FILE, document)

@@ -65,7 +65,12 @@ def read_raw_table(
 
 
 def write_log(path: str | os.PathLike[str], trajectory: Trajectory, joint_names: Sequence[str]) -> None:
-    """Write ``trajectory`` (its stamps as they are) as a Parquet log that :func:`read_raw_table` reads."""
+    """Write ``trajectory`` (its stamps as they are) as a Parquet log that :func:`read_raw_table` reads.
+
+    Raises :class:`InputError` for a ``path`` that does not end in ``.parquet``: it would be read as something else.
+    """
+    if Path(path).suffix != ".parquet":
+        raise InputError(f"{path}: a log is written as Parquet; give a name that ends in .parquet")
     columns, fields = [pa.array(trajectory.time)], [pa.field("time", pa.float64(), metadata={"unit": "s"})]
     for signal in ("q", "dq", "tau"):
         if signal not in trajectory:
@@ -141,6 +146,8 @@ def _load_csv(file: Path) -> pa.Table:
     header = head.decode("utf-8-sig", errors="replace").strip()
     if not header:
         raise InputError(f"{file}: empty; expected a header line {LAYOUT}")
+    if head.startswith(b"PAR1"):
+        raise InputError(f"{file}: a Parquet file; give it a name that ends in .parquet")
     if "," not in header:
         raise InputError(f"{file}: row 1: no comma in {header[:40]!r}; expected a comma-separated header {LAYOUT}")
     names = [field.strip().strip('"') for field in header.split(",")]

@@ -1,6 +1,6 @@
 """The pages of ``docs/effects/``: written from the families, so that they say what the code does.
 
-``python -m hybrid_dynamics.study.effect_pages docs/effects`` writes them; a test compares.
+``make pages`` writes them into ``docs/effects``; a test compares.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def index() -> str:
         "# The effect catalogue",
         "",
         "One page a family, written from its module in `src/hybrid_dynamics/effects/` by "
-        "`python -m hybrid_dynamics.study.effect_pages docs/effects`. What a family offers the loop, the simulation "
+        "`make pages`. What a family offers the loop, the simulation "
         "and the exports is said in `effects/law.py` and `effects/base.py`.",
         "",
         "| effect | the torque the drive must add | parameters |",
