@@ -81,6 +81,23 @@ def test_what_is_no_arm_on_a_fixed_base_is_refused_by_name(tmp_path, text, compl
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (urdf(link("a", mass="nan"), joint("first", "base", "a")), "arm: link a: <mass> value is 'nan'"),
+        (urdf(link("a", mass="heavy"), joint("first", "base", "a")), "arm: link a: <mass> value is 'heavy'"),
+        ("robot: arm", "arm: not valid XML"),
+        ("<mujoco/>", "arm: root element is <mujoco>; expected <robot>"),
+        ('<!DOCTYPE r [<!ENTITY a "b">]>' + urdf(*CHAIN), "arm: holds a document type definition"),
+    ],
+)
+def test_text_is_checked_as_a_file_is(text, complaint):
+    """A mass that is no number was a robot of other masses without a word."""
+    assert Robot.from_text(urdf(*CHAIN), "arm").n_joints == 2
+    with pytest.raises(InputError, match=complaint):
+        Robot.from_text(text, "arm")
+
+
 def test_traces_that_xacro_left_are_no_xacro(tmp_path):
     """Comments, names and geometry of generated files, as bundled robots have them (finger_edu, xarm7, tiago ...)."""
     geometry = '<visual><geometry><xacro:add size="${x}"/></geometry></visual></link>'

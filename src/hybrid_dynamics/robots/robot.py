@@ -17,7 +17,7 @@ import pinocchio as pin
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots.quiet import quiet_stderr
 from hybrid_dynamics.robots.regressor import regressor_of_samples
-from hybrid_dynamics.robots.urdf import Mimic, lock_joints, mimics, movable_joints
+from hybrid_dynamics.robots.urdf import Mimic, lock_joints, mimics, movable_joints, read_text
 from hybrid_dynamics.types import Array
 
 #: Moments of inertia may break the triangle inequality by this share: files are rounded.
@@ -78,8 +78,9 @@ class Robot:
 
     @classmethod
     def from_text(cls, text: str, origin: str) -> Robot:
-        """Read URDF text; ``origin`` names it in errors."""
-        root = ET.fromstring(text)
+        """Read URDF text; ``origin`` names it in errors. Raises :class:`InputError` as :meth:`from_urdf` does: what has
+        no number, or cannot exist, would be a robot of other masses without a word."""
+        root = read_text(text, origin)
         try:
             # The parser writes lines of its own to the process' error stream.
             with quiet_stderr():

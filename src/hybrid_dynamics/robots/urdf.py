@@ -36,22 +36,26 @@ def parse_urdf(path: str | os.PathLike[str]) -> ET.Element:
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{file}: no such URDF file; give the path of the robot's URDF")
+    return _parsed(file.read_text(encoding="utf-8", errors="replace"), str(file))
+
+
+def _parsed(text: str, origin: str) -> ET.Element:
     # ElementTree expands no external entities; a document type definition has no business in a URDF.
-    text = file.read_text(encoding="utf-8", errors="replace")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError(f"{file}: holds a document type definition; expected a plain URDF")
+        raise InputError(f"{origin}: holds a document type definition; expected a plain URDF")
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
-        raise InputError(f"{file}: not valid XML ({error}); expected a URDF (expand xacro first)") from None
+        raise InputError(f"{origin}: not valid XML ({error}); expected a URDF (expand xacro first)") from None
     # Only what is to be expanded; xacro leaves traces in comments, names and geometry that nobody reads here.
     if any("xacro" in element.tag for element in root):
-        stem = file.name.removesuffix(".xacro").removesuffix(".urdf")
+        name = Path(origin).name
+        stem = name.removesuffix(".xacro").removesuffix(".urdf")
         raise InputError(
-            f"{file}: is xacro, not yet a URDF; convert it: xacro {file.name} > {stem}.urdf (pip install xacro)"
+            f"{origin}: is xacro, not yet a URDF; convert it: xacro {name} > {stem}.urdf (pip install xacro)"
         )
     if root.tag != "robot":
-        raise InputError(f"{file}: root element is <{root.tag}>; expected <robot> (a URDF)")
+        raise InputError(f"{origin}: root element is <{root.tag}>; expected <robot> (a URDF)")
     return root
 
 
@@ -59,6 +63,13 @@ def read_urdf(path: str | os.PathLike[str]) -> ET.Element:
     """Parse and check ``path``; :class:`InputError` where it is no URDF of moving links that can exist."""
     root = parse_urdf(path)
     _check(root, path)
+    return root
+
+
+def read_text(text: str, origin: str) -> ET.Element:
+    """The same of URDF ``text``, which errors call ``origin``."""
+    root = _parsed(text, origin)
+    _check(root, origin)
     return root
 
 
