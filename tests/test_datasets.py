@@ -41,7 +41,7 @@ def test_every_dataset_of_conf_is_well_formed(name):
     assert section(PARAMS, f"dataset.{name}.title", str)
     own = PARAMS["dataset"][name]
     if not {"source", "simulation"} & set(own) and "runs" in own:
-        check_own_logs(name)
+        check_own_logs(name, PARAMS)
         return
     if robot.urdf.startswith("source:") and not robot.fallback:
         # Of a recording that cannot be had without its own description; it is left out then.
@@ -58,8 +58,11 @@ def test_every_dataset_of_conf_is_well_formed(name):
         assert len(twin.friction.viscous) == n
 
 
-def check_own_logs(name, params=PARAMS):
-    """Of one's own logs the files are elsewhere than in a clone: what is read in them must be said well."""
+def check_own_logs(name, params):
+    """Of one's own logs the files are elsewhere than in a clone: what is read in them must be said well. They stand for
+    themselves, without a twin, and nothing is fetched."""
+    assert not section(params, f"dataset.{name}.robot", RobotSettings).urdf.startswith("source:"), "source is missing"
+    assert params["dataset"][name].get("twin") is None
     section(params, f"dataset.{name}.reader", ReaderSettings)
     runs = section(params, f"dataset.{name}.runs", list[RecordedRun])
     assert "train" in {run.split for run in runs}
@@ -69,10 +72,12 @@ def check_own_logs(name, params=PARAMS):
 def test_own_logs_need_no_source():
     """As the recipe of CONTRIBUTING.md has them; the control: one that stands twice."""
     run = {"name": "first", "split": "train", "file": "logs/first.csv"}
-    own = {"reader": {"format": "log"}, "runs": [run]}
+    own = {"robot": {"urdf": "logs/robot.urdf"}, "reader": {"format": "log"}, "runs": [run], "twin": None}
     check_own_logs("mine", {"dataset": {"mine": own}})
     with pytest.raises(AssertionError):
         check_own_logs("mine", {"dataset": {"mine": {**own, "runs": [run, {**run, "name": "second"}]}}})
+    with pytest.raises(AssertionError, match="source is missing"):
+        check_own_logs("mine", {"dataset": {"mine": {**own, "robot": {"urdf": "source:robot.urdf"}}}})
     with pytest.raises(ConfigError, match="format"):
         check_own_logs("mine", {"dataset": {"mine": {**own, "reader": {"format": "excel"}}}})
 

@@ -350,6 +350,9 @@ def test_import_command(tmp_path: Path, robot: Robot, capsys: pytest.CaptureFixt
     command("--robot", str(tmp_path / "robot.urdf"), "--data", str(bag), "--out", str(out), "--force")
     assert out.read_bytes() == first
     np.testing.assert_allclose(read_log(out, JOINTS)["q"], np.array(run.q))
+    short = tmp_path / "out.pq"
+    assert command("--robot", str(tmp_path / "robot.urdf"), "--data", str(bag), "--out", str(short)) == 0
+    assert short.read_bytes() == first
 
 
 def test_import_command_with_a_locked_joint(tmp_path: Path, robot: Robot) -> None:

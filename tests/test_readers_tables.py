@@ -88,10 +88,17 @@ def test_a_log_is_written_as_what_its_name_says(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"run.csv: a log is written as Parquet; give a name that ends in .parquet"):
         write_log(tmp_path / "run.csv", run, JOINTS)
     assert list(tmp_path.iterdir()) == []
-    write_log(tmp_path / "run.parquet", run, JOINTS)
+    for name in ("run.parquet", "run.pq", "run.PARQUET"):
+        write_log(tmp_path / name, run, JOINTS)
+        np.testing.assert_array_equal(read_log(tmp_path / name, JOINTS)["q"], q)
     (tmp_path / "run.parquet").rename(tmp_path / "run.csv")
     with pytest.raises(InputError, match=r"run.csv: a Parquet file; give it a name that ends in .parquet"):
         read_log(tmp_path / "run.csv", JOINTS)
+
+
+def test_a_column_may_be_called_as_parquet_begins(tmp_path: Path) -> None:
+    text = "PAR1,time,q1,tau1\n" + "".join(f"0,{k / 100},{0.01 * k},{k}\n" for k in range(60))
+    assert read_log(write(tmp_path, text), JOINTS[:1])["tau"][2, 0] == 2.0
 
 
 def test_parquet_round_trip_and_joint_names(tmp_path: Path) -> None:

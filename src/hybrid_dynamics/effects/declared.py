@@ -65,7 +65,8 @@ class Declared:
     changes_reading: ClassVar[bool] = False
     #: Powers (1 to 3) of the speed, one a coordinate, where the effect is a viscous torque x |dq|^power sign(dq).
     viscous_powers: ClassVar[tuple[int, ...]] = ()
-    #: True where the torque opposes the joint's motion: it may take energy, never give it.
+    #: True where the torque opposes the joint's motion: it may take energy, never give it. What of it is there at any
+    #: speed is told as ``dry_friction`` by :meth:`.Law.in_descriptions`; else it counts as none.
     is_friction: ClassVar[bool] = False
     #: True where the coordinates are one cause's in either direction: of like size where a log shows one of them alone.
     of_like_size: ClassVar[bool] = False

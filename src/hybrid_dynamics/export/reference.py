@@ -95,4 +95,4 @@ def write(page: Path) -> None:
 
 
 if __name__ == "__main__":
-    run_main(lambda: write(Path(sys.argv[1])))
+    run_main(lambda: write(Path(*sys.argv[1:2] or ["docs/export.md"])))

@@ -22,7 +22,7 @@ from hybrid_dynamics.readers.clock import even_stamps, stamps_from_velocity
 from hybrid_dynamics.readers.delimited import STANDARD_INPUT, read_delimited
 from hybrid_dynamics.readers.description import SIGNALS, STACKED, LogDescription
 from hybrid_dynamics.readers.resample import ResampleSettings, uniform_step
-from hybrid_dynamics.readers.table import check_plausible, check_time, numbers_of, too_few
+from hybrid_dynamics.readers.table import PARQUET, check_plausible, check_time, numbers_of, too_few
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
 
@@ -160,7 +160,7 @@ def _file_of(path: str | os.PathLike[str], description: LogDescription, signal: 
 
 
 def _table(file: str, description: LogDescription) -> tuple[pa.Table, int]:
-    if file != STANDARD_INPUT and Path(file).suffix.lower() in (".parquet", ".pq"):
+    if file != STANDARD_INPUT and Path(file).suffix.lower() in PARQUET:
         try:
             return pq.ParquetFile(file).read(), 1
         except FileNotFoundError:

@@ -16,7 +16,7 @@ from hybrid_dynamics.readers.described import converted, read_described
 from hybrid_dynamics.readers.description import LogDescription, load_description
 from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import ResampleSettings, resample, uniform_step
-from hybrid_dynamics.readers.table import read_raw_table, too_few, write_log
+from hybrid_dynamics.readers.table import PARQUET, read_raw_table, too_few, write_log
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Notify
@@ -168,7 +168,7 @@ def import_log(
     Nothing is written where the log is unusable (:class:`InputError`).
     """
     out = Path(out_path)
-    if out.suffix.lower() not in (".parquet", ".pq"):
+    if out.suffix.lower() not in PARQUET:
         raise InputError(f"{out}: expected a file name that ends in .parquet")
     check_target(out, [data_path])
     trajectory = read_raw(data_path, robot.joint_names, topic=topic, notify=notify, log=log)

@@ -23,6 +23,8 @@ from hybrid_dynamics.trajectory import UNITS, Trajectory
 from hybrid_dynamics.types import Array, Notify
 
 LAYOUT = "time,q1..qn[,dq1..dqn],tau1..taun"
+#: Suffixes of Parquet files, in either case.
+PARQUET = (".parquet", ".pq")
 MAX_STEP = 0.5
 SUSPICIOUS_ANGLE = 30.0
 #: A log of few samples is too slow rather than too short below this rate [Hz].
@@ -67,9 +69,9 @@ def read_raw_table(
 def write_log(path: str | os.PathLike[str], trajectory: Trajectory, joint_names: Sequence[str]) -> None:
     """Write ``trajectory`` (its stamps as they are) as a Parquet log that :func:`read_raw_table` reads.
 
-    Raises :class:`InputError` for a ``path`` that does not end in ``.parquet``: it would be read as something else.
+    Raises :class:`InputError` for a ``path`` that ends in none of :data:`PARQUET`: it would be read as something else.
     """
-    if Path(path).suffix != ".parquet":
+    if Path(path).suffix.lower() not in PARQUET:
         raise InputError(f"{path}: a log is written as Parquet; give a name that ends in .parquet")
     columns, fields = [pa.array(trajectory.time)], [pa.field("time", pa.float64(), metadata={"unit": "s"})]
     for signal in ("q", "dq", "tau"):
@@ -125,7 +127,7 @@ def _load(file: Path) -> tuple[pa.Table, int]:
     suffix = file.suffix.lower()
     if not file.is_file():
         raise InputError(f"{file}: no such file; give the path of a CSV or Parquet log")
-    if suffix in (".parquet", ".pq"):
+    if suffix in PARQUET:
         try:
             return pq.ParquetFile(file).read(), 1
         except (pa.ArrowException, OSError) as error:
@@ -146,7 +148,8 @@ def _load_csv(file: Path) -> pa.Table:
     header = head.decode("utf-8-sig", errors="replace").strip()
     if not header:
         raise InputError(f"{file}: empty; expected a header line {LAYOUT}")
-    if head.startswith(b"PAR1"):
+    # A column may well be called so.
+    if head.startswith(b"PAR1") and not header.isprintable():
         raise InputError(f"{file}: a Parquet file; give it a name that ends in .parquet")
     if "," not in header:
         raise InputError(f"{file}: row 1: no comma in {header[:40]!r}; expected a comma-separated header {LAYOUT}")
