@@ -42,12 +42,16 @@ OTHER_URDF = ("check", "--robot", "bad.urdf", "--data", "a.csv")
 
 @dataclass(frozen=True)
 class Case:
-    """``what`` is wrong, in words; ``make`` writes the bad files into a folder of good ones; ``code`` expected."""
+    """``what`` is wrong, in words; ``make`` writes the bad files into a folder of good ones; ``code`` expected.
+
+    ``told``: the finding by which ``check`` tells what it can do without (code 0).
+    """
 
     what: str
     arguments: tuple[str, ...]
     make: Callable[[Path], object] = lambda folder: None
     code: int = 2
+    told: str = ""
 
 
 def frame(change: Callable[[pd.DataFrame], Any], name: str = "bad.csv") -> Callable[[Path], object]:
@@ -70,6 +74,11 @@ def put(column: str, row: int, value: Any) -> Callable[[Path], object]:
         return out
 
     return frame(change)
+
+
+def shifted(column: str, by: float) -> Callable[[Path], object]:
+    """One sample from the middle of the log is off."""
+    return frame(lambda t: t.assign(**{column: t[column] + by * (t.index == len(t) // 3)}))
 
 
 def scaled(factor: Any, *columns: str) -> Callable[[Path], object]:
@@ -357,6 +366,27 @@ CASES: list[Case] = [
     ),
     Case("a position that counts backwards", CHECK, scaled(-1.0, "q1")),
     # ------------------------------------------------------------------ the robot
+    # What the logs can be read without: told, and no reason to stop.
+    Case("a torque sample that is 300 N m off", CHECK, shifted("tau1", 300.0), 0, "glitch"),
+    Case("a torque sample that is 3000 N m off", CHECK, shifted("tau1", 3000.0), 0, "glitch"),
+    Case("a torque sample of 1e300", CHECK, put("tau1", 50, 1e300), 0, "glitch"),
+    Case("a position sample that is 0.5 rad off", CHECK, shifted("q2", 0.5), 0, "glitch"),
+    Case("velocities of zero", CHECK, velocity(lambda d: 0 * d), 0, "dq_zero"),
+    Case("a gap of half a second", CHECK, frame(lambda t: t.drop(range(300, 400))), 0, "gaps"),
+    Case(
+        "a torque that is cut off at 20 N m",
+        CHECK,
+        frame(lambda t: t.assign(tau1=t["tau1"].clip(-20, 20))),
+        0,
+        "saturation",
+    ),
+    Case("a joint that stands still", CHECK, frame(lambda t: t.assign(q2=0.3)), 0, "range"),
+    Case("time that runs ten times too slow", CHECK, frame(lambda t: t.assign(time=10 * t["time"]))),
+    Case(
+        "columns of two joints exchanged",
+        CHECK,
+        frame(lambda t: t.rename(columns={"q1": "q2", "q2": "q1", "tau1": "tau2", "tau2": "tau1"})),
+    ),
     Case("no URDF", (*OTHER_URDF[:2], "none.urdf", "--data", "a.csv")),
     Case("a URDF that is no XML", OTHER_URDF, written("bad.urdf", "robot: arm\n")),
     Case("a URDF cut off", OTHER_URDF, written("bad.urdf", URDF[:400])),
@@ -505,8 +535,9 @@ def outcome(case: Case, folder: Path) -> tuple[int, str, str]:
 
 
 def line_of(case: Case, out: str, err: str) -> str:
-    """What the user reads first: the error; for ``check`` the first finding that is wrong."""
-    found = [line for line in out.splitlines() if line.startswith("WRONG")]
+    """What the user reads first: the error; for ``check`` the first finding that is wrong, or the one that tells it."""
+    findings = [line.split() for line in out.splitlines() if len(line.split()) > 1]
+    found = [" ".join(words) for words in findings if words[0] == "WRONG" or words[1] == case.told]
     errors = [line for line in err.splitlines() if line.startswith("error:")]
     return " ".join((found or errors or [""])[0].split())
 
@@ -517,7 +548,8 @@ def page(rows: list[tuple[Case, int, str]]) -> str:
 
 What comes out when something is wrong with what goes in: the command's exit code and its line. Written by
 `make pages`; the tests run every row and compare. In the commands `bad.*` is the file that is wrong;
-the others are good. `check` prints all findings as a table, of which the first is shown here.
+the others are good. `check` prints all findings as a table, of which one is shown here: with exit code 2 the first that is wrong,
+with 0 the one that tells how the logs are read all the same.
 
 | what is wrong | command | exit | line |
 |---|---|---|---|

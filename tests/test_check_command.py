@@ -295,6 +295,23 @@ def test_logs_too_slow_or_too_short_give_no_verdict(run):
     assert codes(check_rate([run.rows(slice(None, None, 4))])) == [("warning", "too_short")]
 
 
+@pytest.mark.parametrize("cycles", [1, 3, 40])
+@pytest.mark.parametrize("levels", [6, 9, 20, 90])
+def test_a_wave_on_a_coarse_converter_is_clipped_only_where_it_is_cut_off(cycles, levels):
+    wave = np.sin(2 * np.pi * cycles * np.arange(4000) / 4000 + 0.1)
+
+    def found(tau):
+        log = Trajectory("run", "train", np.arange(4000) / 200, {"q": wave[:, None], "tau": tau[:, None]})
+        return "saturation" in [f.code for f in check_content(log, ("a",))]
+
+    step = 2 / levels
+    assert not found(np.round(wave / step) * step)
+    assert not found(wave)
+    # Of a handful of levels the last may hold as much by itself.
+    assert levels < 20 or found(np.clip(np.round(wave / step) * step, -0.7, 0.7))
+    assert found(np.clip(wave, -0.7, 0.7))
+
+
 def test_what_converters_do_to_a_log_is_seen(run):
     names = ("shoulder", "elbow")
     assert [f.code for f in check_content(run, names)] == ["summary"]
@@ -302,7 +319,9 @@ def test_what_converters_do_to_a_log_is_seen(run):
     clipped = run.with_signals(tau=np.clip(run["tau"], -limit, limit))
     assert "saturation" in [f.code for f in check_content(clipped, names)]
     coarse = run.with_signals(tau=np.round(run["tau"]))
-    assert "coarse" in [f.code for f in check_content(coarse, names)]
+    found = [f.code for f in check_content(coarse, names)]
+    assert "coarse" in found
+    assert "saturation" not in found
     held = run.with_signals(tau=np.repeat(run["tau"][::4], 4, axis=0))
     assert "held" in [f.code for f in check_content(held, names)]
     resting = run.with_signals(q=np.column_stack([run["q"][:, 0], np.full(len(run.time), 0.1)]))

@@ -25,6 +25,9 @@ FEWEST, FEW = 60, 300
 CUTOFF = 25.0
 #: Share of the samples at one extreme value that is no coincidence, and how many in a row.
 CLIPPED_SHARE, CLIPPED_ROW = 0.005, 5
+#: Next levels of a coarse converter that hold as much as its last one where nothing is clipped: a wave is within the
+#: last k levels for a time that grows as the square root of k, so that the last of four holds half of it.
+LEVELS = 3.5
 
 
 def check_content(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
@@ -49,10 +52,10 @@ def check_content(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
         out.append(Finding("jitter", "note", text, run=run.name))
     missing = steps > 1.5 * dt
     if missing.any():
-        lost = int(np.round(steps[missing] / dt - 1).sum())
+        gaps, lost = int(missing.sum()), int(np.round(steps[missing] / dt - 1).sum())
         text = (
-            f"{int(missing.sum())} gaps, about {lost} samples lost, the longest {steps.max():.3g} s after t = "
-            f"{run.time[int(np.argmax(steps))]:.4g} s: short ones are interpolated, the run is split at long ones"
+            f"{gaps} gap{'s' if gaps > 1 else ''}, about {lost} samples lost, the longest {steps.max():.3g} s after "
+            f"t = {run.time[int(np.argmax(steps))]:.4g} s: short ones are interpolated, the run is split at long ones"
         )
         out.append(Finding("gaps", "warning" if lost > 0.05 * len(run.time) else "note", text, run=run.name))
     return [*out, *_converters(run, joint_names)]
@@ -91,11 +94,18 @@ def _converters(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
 
 
 def _clipped(tau: Array) -> str:
-    """Where ``tau`` (T,) piles up at its largest or smallest value; empty where it does not."""
+    """Where ``tau`` (T,) piles up at its largest or smallest value; empty where it does not.
+
+    A coarse converter's last level holds more than its next, as a wave stays longest where it turns, but not more than
+    the next few together.
+    """
     span = float(np.ptp(tau))
+    apart = np.diff(np.unique(tau))
+    apart = apart[apart > 1e-6 * span]
+    few = LEVELS * float(np.median(apart)) if apart.size else 0.0
     for extreme in (tau.max(), tau.min()):
         off = np.abs(tau - extreme)
-        at, near = off <= 1e-9 * max(abs(float(extreme)), 1e-9), off <= 0.03 * span
+        at, near = off <= 1e-9 * max(abs(float(extreme)), 1e-9), off <= max(0.03 * span, few)
         piled = at.mean() > CLIPPED_SHARE and 2 * at.sum() > near.sum()
         if span > 0 and piled and _longest(at) >= CLIPPED_ROW:
             return f"({at.mean():.1%} of the samples at {extreme:.4g} N m)"
