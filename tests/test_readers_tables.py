@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
+from textwrap import dedent
 
 import numpy as np
 import pyarrow as pa
@@ -475,6 +476,33 @@ def test_automatic_windows_agree_with_the_authors(file: str, known: tuple[int, i
     # A third of a second at either end: the authors' windows differ in how much standstill they keep.
     assert abs(int(found[1]) - known[0]) <= 30
     assert abs(int(found[2]) - known[1]) <= 30
+
+
+@needs_recordings
+@pytest.mark.parametrize(
+    ("file", "window"),
+    [
+        ("identification_data/ur-20_02_12-40sec_12harm.csv", (500, 4460)),
+        ("identification_data/ur-20_02_19_14harm50sec.csv", (195, 4966)),
+    ],
+)
+def test_the_log_yaml_of_the_documentation_reads_a_recording_as_its_own_reader_does(
+    tmp_path: Path, file: str, window: tuple[int, int]
+) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "logs.md").read_text("utf-8")
+    block = page.partition("without a header, by\n\n")[2].partition("\n\n")[0]
+    (tmp_path / "log.yaml").write_text(dedent(block) + f"\nrows: [{window[0]}, {window[1]}]\n", "utf-8")
+    joints = [f"joint_{j}" for j in range(1, 7)]
+    described = read_log(RECORDINGS / file, joints, log=tmp_path / "log.yaml")
+    own = read_ur10e(RECORDINGS / file, "ur", "train", window=window)
+    assert len(described.time) == len(own.time)
+    for signal in ("q", "dq", "tau"):
+        # A position at rest does not tell which tick a stamp belongs to, and each has its own rule for that.
+        assert np.mean(np.abs(described[signal] - own[signal]) > 1e-9) < 0.02
+    # Never by more than two ticks of 2 ms.
+    assert np.all(np.abs(described["q"] - own["q"]) <= 4e-3 * np.abs(own["dq"]).max(axis=0))
+    # The control: joints told as of another order are another recording.
+    assert np.mean(np.abs(described["q"] - own["q"][:, ::-1]) > 1e-9) > 0.9
 
 
 @needs_recordings
