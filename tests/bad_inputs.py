@@ -345,6 +345,13 @@ CASES: list[Case] = [
     Case("torque in N cm", CHECK, scaled(1e2, "tau1", "tau2")),
     Case("torque in kN m", CHECK, scaled(1e-3, "tau1", "tau2")),
     Case("torque on the motor's side", CHECK, scaled((1 / 100, 1 / 50), "tau1", "tau2")),
+    Case("torque to which the controller adds gravity itself", CHECK, lambda f: _without_weight(f)),
+    Case("torque to which the controller adds gravity itself, in close-loop", CLOSE, lambda f: _without_weight(f)),
+    Case(
+        "torque to which the controller adds gravity itself, in predict",
+        PREDICT_LOG,
+        lambda f: _without_weight(f),
+    ),
     Case("all torques with the wrong sign", CHECK, scaled(-1.0, "tau1", "tau2")),
     Case("one torque with the wrong sign", CHECK, scaled(-1.0, "tau1")),
     Case(
@@ -495,6 +502,7 @@ CASES: list[Case] = [
     Case("a log.yaml with an unknown unit", *described("units: {q: grad}")),
     Case("a column that is not in the log", *described("columns: {q: 'actual_q_{i}'}")),
     Case("a current without a torque constant", *described("units: {tau: A}")),
+    Case("gravity of a kind that is not known", *described("gravity: compensate")),
     Case("three signs for two joints", *described("sign: {tau: [1, -1, 1]}")),
     Case("a sign of 2", *described("sign: {tau: [2, 1]}")),
     Case("a gear ratio of zero", *described("gear_ratio: [0, 1]\nmotor_side: [tau]")),
@@ -508,6 +516,13 @@ def _fast(folder: Path) -> None:
     time = np.arange(0, 40, 1 / 15)
     q = np.sin(2 * np.pi * np.outer(time, [3.0, 3.3]))
     table = pd.DataFrame({"time": time, "q1": q[:, 0], "q2": q[:, 1], "tau1": 5 * q[:, 1], "tau2": q[:, 0]})
+    table.to_csv(folder / "bad.csv", index=False)
+
+
+def _without_weight(folder: Path) -> None:
+    table = pd.read_csv(folder / "a.csv")
+    q = table[["q1", "q2"]].to_numpy()
+    table[["tau1", "tau2"]] -= arm().inverse_dynamics(q, 0 * q, 0 * q)
     table.to_csv(folder / "bad.csv", index=False)
 
 

@@ -116,5 +116,5 @@ def read_logs(
     for path in paths:
         name = path.stem if stems.count(path.stem) == 1 else str(path)
         title = f"{split}:{name}"
-        out += read_pieces(path, robot.joint_names, title, split, notify=notices.append, torque=torque, log=log)
+        out += read_pieces(path, robot, title, split, notify=notices.append, torque=torque, log=log)
     return out

@@ -16,6 +16,7 @@ from hybrid_dynamics.check.known import check_known
 from hybrid_dynamics.check.limits import check_angles, check_limits
 from hybrid_dynamics.check.torque import check_torque, outvoted
 from hybrid_dynamics.check.velocity import check_velocity
+from hybrid_dynamics.check.weight import without_weight
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.readers.glitches import MANY, repair, told
 from hybrid_dynamics.readers.resample import NO_STRETCH, resample
@@ -178,6 +179,10 @@ def _torque(model: Robot | Completed, runs: Sequence[Trajectory], fixed: bool = 
             alone, _ = check_torque(model, [run], fixed)
             of_it = (f for f in alone if f.severity == "hard" and f.joint in ("", *joints))
             findings += [replace(f, run=run.name) for f in of_it]
+        told = {f.run for f in findings if f.code == "torque_weight"}
+        for run in without_weight(model, runs):
+            alone, _ = check_torque(model, [run], fixed) if run.name not in told else ([], gravity)
+            findings += [replace(f, run=run.name) for f in alone if f.code == "torque_weight"]
     return findings, gravity
 
 

@@ -45,6 +45,8 @@ def _entered(key: str, old: Any, new: Any, joints: Sequence[str]) -> Any:
         return round(float(old or 0.0) + float(new), 6)
     if key == "drop":
         return sorted({*(old or []), *new})
+    if isinstance(new, str):
+        return new
     both = dict(old or {})
     for signal, value in new.items():
         if key in ("sign", "gain"):

@@ -19,6 +19,7 @@ from hybrid_dynamics.check.guess import (
     CERTAIN,
     CHANGED,
     EXPLAINED,
+    MOUNTING,
     SAME_MOUNTING,
     SETTLED,
     UNEXPLAINED,
@@ -33,6 +34,7 @@ from hybrid_dynamics.check.guess import (
 from hybrid_dynamics.check.order import places
 from hybrid_dynamics.check.pulled import body_leaves, spring_leaves
 from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch
+from hybrid_dynamics.check.weight import check_weight
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -82,12 +84,20 @@ def check_torque(
     told, best = best_guess(model, parts, forms, gravity)
     if not _holds(told, best):
         best = told
+    weight = check_weight(columns, gravity)
+    if best is not told and best.total <= forms.total(np.zeros(3)) + MOUNTING:
+        # Columns that are exchanged, say, hold no weight of their own joints either.
+        weight = []
+    if any(f.severity == "hard" for f in weight):
+        # Without it every other reading is of another robot.
+        return weight, gravity
     counted = check_convention(model, parts, told, best, columns)
     if any(f.severity == "hard" for f in counted):
         return counted, gravity
     names = robot.joint_names
     q = np.concatenate([p.q for p in parts])
     findings = [
+        *weight,
         *counted,
         *_signs(robot, told, best, columns, forms, q),
         *places(names, told, best, columns),
@@ -348,7 +358,8 @@ def _units(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.bool_])
     else:
         told = (
             "convert the unit: a motor current needs torque constant times gear ratio, a torque on the motor's side "
-            f"the gear ratio; factors by joint: {each}"
+            f"the gear ratio; factors by joint: {each}; a torque without the weight of the links, of slow motion, looks"
+            " so, too: gravity: compensated in the log.yaml"
         )
         cure = {}
     text = f"measured torque is {alpha[j]:.3g} times the model's on joint {j + 1}; expected N m at the joint; {told}"

@@ -146,7 +146,7 @@ def look(
             found += check_content(raw, robot.joint_names)
             found += [f if f.run else replace(f, run=name) for f in checked_log(model, raw, refuse=False)[1]]
         else:
-            raw = read_raw(path, robot.joint_names, name, split, notify=notices.append, log=form)
+            raw = read_raw(path, robot, name, split, notify=notices.append, log=form)
             found += check_content(raw, robot.joint_names)
             runs[split] += pieces_of(path, raw, robot.joint_names, notify=notices.append)
         found += [Finding("reading", "note", text) for text in notices]

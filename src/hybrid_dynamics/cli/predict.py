@@ -121,9 +121,9 @@ def read_motion_log(
     from hybrid_dynamics.readers.log import read_raw
 
     try:
-        return read_raw(path, robot.joint_names, name, "test", notify=notices.append, log=form)
+        return read_raw(path, robot, name, "test", notify=notices.append, log=form)
     except InputError as error:
-        log = read_raw(path, robot.joint_names, name, "test", notify=notices.append, torque=False, log=form)
+        log = read_raw(path, robot, name, "test", notify=notices.append, torque=False, log=form)
         notices.append(f"no comparison with measured torque ({one_line(error)})")
         return log
 

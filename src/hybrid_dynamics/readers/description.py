@@ -24,6 +24,8 @@ COLUMNS = ("time", *SIGNALS, "tau_commanded")
 STACKED = "stacked"
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " ", "auto": ""}
 CLOCKS = ("recorded", "even", "velocity")
+#: The controller added the weight of the links itself, beside the torque that was logged.
+COMPENSATED = "compensated"
 #: Factors to SI units. A torque in A needs ``torque_constant``.
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
@@ -59,7 +61,8 @@ class LogDescription:
     ``units`` of ``time q dq tau`` (dq follows q); ``torque_constant`` [N m/A] where the torque is a current; ``rate``
     [Hz] where no column holds the time. ``clock``: ``recorded`` stamps, ``even`` (stamps jitter, samples do not), or
     ``velocity``: steps are whole ``tick`` [s], told from the change of position over the velocity. ``torque``: read the
-    columns of ``measured`` or ``commanded`` torque.
+    columns of ``measured`` or ``commanded`` torque. ``gravity``: whether the weight of the links is ``included`` in the
+    torque or was ``compensated`` by the controller beside it, and is added as the URDF has it.
 
     ``motor_side`` signals pass the gear: motor = ``gear_matrix`` joint (or ``gear_ratio`` per joint), so that
     tau_joint = gear_matrix' tau_motor. Then joint value = sign * gain * value + offset (offset in SI units).
@@ -80,6 +83,7 @@ class LogDescription:
     clock: str = "recorded"
     tick: float = 0.0
     torque: str = "measured"
+    gravity: str = "included"
     motor_side: tuple[str, ...] = ()
     gear_ratio: tuple[float, ...] = ()
     gear_matrix: tuple[tuple[float, ...], ...] = ()
@@ -99,6 +103,7 @@ class LogDescription:
         _known("log.delimiter", self.delimiter, tuple(DELIMITERS))
         _known("log.clock", self.clock, CLOCKS)
         _known("log.torque", self.torque, ("measured", "commanded"))
+        _known("log.gravity", self.gravity, ("included", COMPENSATED))
         for key, unit in self.units.items():
             _known(f"log.units.{key}", key, tuple(UNITS))
             _known(f"log.units.{key}", unit, tuple(UNITS[key]))

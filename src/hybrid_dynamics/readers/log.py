@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.files import check_target
 from hybrid_dynamics.readers.bags import BAG_SUFFIXES, read_bag
 from hybrid_dynamics.readers.delimited import STANDARD_INPUT
 from hybrid_dynamics.readers.described import converted, read_described
-from hybrid_dynamics.readers.description import LogDescription, load_description
+from hybrid_dynamics.readers.description import COMPENSATED, LogDescription, load_description
 from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import ResampleSettings, resample, uniform_step
 from hybrid_dynamics.readers.table import PARQUET, read_raw_table, too_few, write_log
@@ -24,7 +24,7 @@ from hybrid_dynamics.types import Notify
 
 def read_raw(
     path: str | os.PathLike[str],
-    joint_names: Sequence[str],
+    robot: Robot | Sequence[str],
     name: str | None = None,
     split: str = "train",
     topic: str | None = None,
@@ -33,13 +33,35 @@ def read_raw(
     torque: bool = True,
     log: LogDescription | None = None,
 ) -> Trajectory:
-    """A checked log (CSV, Parquet, bag, MCAP, bag folder) with its own time stamps. Raises :class:`InputError`.
+    """A checked log (CSV, Parquet, bag, MCAP, bag folder) of ``robot`` (or of joints with these names), with its own
+    time stamps. Raises :class:`InputError`.
 
     Without ``torque`` a log needs none, and none is read. ``log`` says how it is read where it is not
     ``time,q1..qn[,dq1..dqn],tau1..taun`` in SI units (what a ``log.yaml`` holds).
     """
+    run = _as_logged(path, _names(robot), name, split, topic, settings or ResampleSettings(), notify, torque, log)
+    if log is None or log.gravity != COMPENSATED or "tau" not in run:
+        return run
+    if not isinstance(robot, Robot):
+        raise ConfigError(
+            "log.gravity is compensated; expected the robot, whose links' weight is added, not its joints"
+        )
+    return _with_weight(run, robot)
+
+
+def _as_logged(
+    path: str | os.PathLike[str],
+    joint_names: Sequence[str],
+    name: str | None,
+    split: str,
+    topic: str | None,
+    settings: ResampleSettings,
+    notify: Notify | None,
+    torque: bool,
+    log: LogDescription | None,
+) -> Trajectory:
+    """:func:`read_raw`, the torque as it was logged."""
     file = Path(path)
-    settings = settings or ResampleSettings()
     name = name if name is not None else ("stdin" if str(path) == STANDARD_INPUT else file.stem)
     packed = str(path) == STANDARD_INPUT or file.suffix.lower() == ".gz"
     bag = file.suffix.lower() in BAG_SUFFIXES or (file.is_dir() and not (log and log.files))
@@ -62,7 +84,7 @@ def read_raw(
 
 def read_pieces(
     path: str | os.PathLike[str],
-    joint_names: Sequence[str],
+    robot: Robot | Sequence[str],
     name: str | None = None,
     split: str = "train",
     topic: str | None = None,
@@ -71,12 +93,12 @@ def read_pieces(
     torque: bool = True,
     log: LogDescription | None = None,
 ) -> list[Trajectory]:
-    """A log as ``q [dq] tau`` on a uniform grid; more than one part where a gap is too long to interpolate.
+    """A log of ``robot`` as ``q [dq] tau`` on a uniform grid; several parts where a gap is too long to interpolate.
 
     Without ``torque`` a log needs none, and none is read; ``log`` as in :func:`read_raw`.
     """
-    run = read_raw(path, joint_names, name, split, topic, settings, notify, torque, log)
-    return pieces_of(path, run, joint_names, settings, notify)
+    run = read_raw(path, robot, name, split, topic, settings, notify, torque, log)
+    return pieces_of(path, run, _names(robot), settings, notify)
 
 
 def pieces_of(
@@ -119,15 +141,24 @@ def read_log(
     >>> sorted(run.signals), run["q"].shape
     (['q', 'tau'], (3200, 2))
     """
-    joint_names = robot.joint_names if isinstance(robot, Robot) else robot
     description = log if log is None or isinstance(log, LogDescription) else load_description(log)
-    parts = read_pieces(path, joint_names, name, split, topic, settings, notify, log=description)
+    parts = read_pieces(path, robot, name, split, topic, settings, notify, log=description)
     if len(parts) > 1:
         raise InputError(
             f"{path}: samples are missing between t = {parts[0].time[-1]:.6g} s and {parts[1].time[0]:.6g} s, "
             "too long to interpolate; split the file there"
         )
     return parts[0]
+
+
+def _names(robot: Robot | Sequence[str]) -> Sequence[str]:
+    return robot.joint_names if isinstance(robot, Robot) else robot
+
+
+def _with_weight(run: Trajectory, robot: Robot) -> Trajectory:
+    """``run`` with the torque of gravity that the controller added, as the model of ``robot`` has it."""
+    still = np.zeros_like(run["q"])
+    return run.with_signals(tau=run["tau"] + robot.inverse_dynamics(run["q"], still, still))
 
 
 def _without_glitches(run: Trajectory, joint_names: Sequence[str], notify: Notify | None) -> Trajectory:
@@ -171,6 +202,6 @@ def import_log(
     if out.suffix.lower() not in PARQUET:
         raise InputError(f"{out}: expected a file name that ends in .parquet")
     check_target(out, [data_path])
-    trajectory = read_raw(data_path, robot.joint_names, topic=topic, notify=notify, log=log)
+    trajectory = read_raw(data_path, robot, topic=topic, notify=notify, log=log)
     write_log(out, trajectory, robot.joint_names)
     return trajectory

@@ -247,7 +247,7 @@ def read_run(
     log = settings.log
     if run.rows:
         log = replace(log or LogDescription(), rows=run.rows)
-    return read_pieces(path, robot.joint_names, run.name, run.split, notify=notify, log=log)
+    return read_pieces(path, robot, run.name, run.split, notify=notify, log=log)
 
 
 def picture_of(settings: RobotSettings) -> Path | None:

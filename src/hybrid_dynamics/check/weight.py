@@ -1,0 +1,217 @@
+"""Does the torque hold what the links weigh? Of a controller that adds gravity itself, a log may hold the rest alone.
+
+The commanded torque of many arms is of that kind, and nothing else in the log says so: links without mass, or odd gains
+and springs, then stand for it. The inertia of the same links is in the torque all the same, so the two are compared:
+motion and gravity (any direction: the base may stand otherwise than the URDF says) are fitted to the torque of all
+joints, beside friction, rotor, offset and what the model has beside the rigid body, free on every joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hybrid_dynamics.check.columns import Columns, columns_of, standing
+from hybrid_dynamics.check.completed import Completed, body_of, true_stretches
+from hybrid_dynamics.check.findings import Finding
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array
+
+#: Blocks of the jackknife, and how many standard errors an estimate may be off by.
+BLOCKS, ERRORS = 12, 2.0
+#: A joint has a say where its links' weight, as modelled, is this share of the joint's mean square that friction and
+#: the like leave, and this share of the largest weight's torque (rms).
+SAYS, STRONG = 0.1, 0.05
+#: Of the inertia as modelled so many times as much may be in the torque (else its unit is in question), of the weight
+#: at most this share of that: no links are so light beside what they are to move.
+MOVES, LIGHT = (0.25, 4.0), 0.5
+#: Joints that have their weight all the same, a payload's that the controller knows nothing of, make at most this share
+#: of all weight (rms).
+ALL_THE_SAME = 0.1
+#: In another unit the links explain more than this share of the torque as ever.
+ANOTHER_UNIT = 0.8
+#: Weight that is in the torque twice, by the inertia in it.
+TWICE = (1.7, 2.3)
+_MOTION, _GRAVITY, _FREE, _TORQUE = 0, slice(1, 4), slice(4, 9), 9
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """How many times what the model says is in the torque: ``motion`` of all joints, ``weight`` (m,) of the m joints
+    that have a say; with their standard errors. ``modelled`` (m,) [N m]: rms torque of these joints' weight;
+    ``explained`` (m,): share that links of any weight explain of what friction and the like leave of their torque."""
+
+    motion: float
+    motion_error: float
+    weight: Array
+    weight_error: Array
+    modelled: Array
+    explained: Array
+
+    @property
+    def moves(self) -> bool:
+        """Whether the inertia of the links is surely in the torque, about as the model has it."""
+        most = ERRORS * self.motion_error
+        return self.motion - most > MOVES[0] and self.motion + most < MOVES[1]
+
+    @property
+    def light(self) -> bool:
+        """Whether their weight is not, on any joint, as far as it can be told."""
+        return self.weightless or (self.moves and bool(np.all(self.weight < LIGHT * self.motion)))
+
+    @property
+    def weightless(self) -> bool:
+        """Whether their weight surely is not: on most joints, two at least where two have a say, and hardly on any."""
+        off, most = ERRORS * self.weight_error, ERRORS * self.motion_error
+        without = self.weight + off < LIGHT * (self.motion - most)
+        having = self.weight - off > LIGHT * (self.motion + most)
+        enough = max(min(2, len(without)), len(without) // 2 + 1)
+        hardly = self.modelled[having].sum() <= ALL_THE_SAME * self.modelled.sum()
+        return self.moves and int(without.sum()) >= enough and bool(hardly)
+
+    @property
+    def without_links(self) -> bool:
+        """Whether hardly anything of the links is in the torque, and not for another unit: that would explain it."""
+        moves = self.motion + ERRORS * self.motion_error
+        weighs = self.weight + ERRORS * self.weight_error
+        return bool(moves < MOVES[0] and np.all(weighs < MOVES[0]) and np.median(self.explained) < ANOTHER_UNIT)
+
+    @property
+    def twice(self) -> bool:
+        """Whether it is in it about twice, on every joint."""
+        share = self.weight / max(self.motion, 1e-300)
+        return self.moves and bool(np.all((TWICE[0] < share) & (share < TWICE[1])))
+
+
+def check_weight(columns: Columns, gravity: Array) -> list[Finding]:
+    """A finding where the torque holds the inertia of the links and not their weight under ``gravity`` (3,) [m/s^2],
+    or this twice, or neither."""
+    found = weigh(columns, gravity)
+    if found is None:
+        return []
+    if found.light:
+        # Of the joint that lifts most: a light one may lift a payload besides.
+        k = int(np.argmax(found.modelled))
+        text = (
+            f"the torque {'holds' if found.weightless else 'seems to hold'} no weight of the links ("
+            f"{found.weight[k]:.0%} +- {found.weight_error[k]:.0%} of what they weigh, and {found.motion:.0%} +- "
+            f"{found.motion_error:.0%} of their inertia): it looks like a commanded torque to which the controller adds"
+            " gravity itself; log the whole torque, or say gravity: compensated in the log.yaml, which adds what the "
+            "URDF's links weigh"
+        )
+        cure = {"gravity": "compensated"} if found.weightless else {}
+        return [Finding("torque_weight", "hard" if found.weightless else "warning", text, suggestion=cure)]
+    if found.without_links:
+        k = int(np.argmax(found.modelled))
+        text = (
+            f"the torque holds neither the weight nor the inertia of the links ({found.weight[k]:.1%} and "
+            f"{found.motion:.1%} of them): it looks like what a model has left of it, an external torque, or like that"
+            " of another arm; expected the torque that the drive delivers, or that of a joint torque sensor"
+        )
+        return [Finding("torque_links", "hard", text)]
+    if found.twice:
+        share = float(np.median(found.weight)) / found.motion
+        text = (
+            f"the torque holds the weight of the links {share:.1f} times by the inertia that it holds; where a log.yaml"
+            " says gravity: compensated, the log held it already: leave that out"
+        )
+        return [Finding("torque_weight", "warning", text)]
+    return []
+
+
+def without_weight(model: Robot | Completed, runs: Sequence[Trajectory]) -> list[Trajectory]:
+    """Those of ``runs`` that, each alone, hold no weight: among others that do, it is neither here nor there."""
+    seen = [(run, parts) for run in runs if (parts := true_stretches(model, [run]))]
+    gravity = standing(body_of(model))
+    found = [(run, weigh(columns_of(model, parts), gravity)) for run, parts in seen]
+    return [run for run, weighed in found if weighed is not None and weighed.weightless]
+
+
+def weigh(columns: Columns, gravity: Array) -> Weighed | None:
+    """What of the links' inertia and weight is in the torque; None where too few joints have a say (two; one of two).
+
+    A joint's weight is compared by the size of its torque, whatever direction of gravity fits it best.
+    """
+    size = float(np.linalg.norm(gravity))
+    rows, n = columns.tau.shape
+    if size <= 0 or rows < 10 * BLOCKS:
+        return None
+    grams = _products(columns, size)
+    down = gravity / size
+    whole = grams.sum(axis=0)
+    rest = [_without_free(gram) for gram in whole]
+    own = np.array([max(float(down @ r[1:4, 1:4] @ down), 0.0) for r in rest])
+    says = (own >= SAYS * np.array([r[4, 4] for r in rest])) & (own >= STRONG**2 * own.max(initial=0.0)) & (own > 0)
+    if says.sum() < min(2, n - 1) or not says.any():
+        return None
+    motion, weight = _estimate(rest, says, own)
+    left_out = [_estimate([_without_free(g) for g in whole - part], says, own) for part in grams]
+    spread = np.sqrt(BLOCKS - 1)
+    return Weighed(
+        motion,
+        spread * float(np.std([m for m, _ in left_out])),
+        weight,
+        spread * np.std([w for _, w in left_out], axis=0),
+        np.sqrt(own[says] / rows),
+        np.array(
+            [1.0 - _fit(r)[2] / max(float(r[4, 4]), 1e-300) for r, speaks in zip(rest, says, strict=True) if speaks]
+        ),
+    )
+
+
+def _products(columns: Columns, size: float) -> Array:
+    """(BLOCKS, n, 10, 10) products of ``[motion, gx, gy, gz, dq, sign, ddq, beside, 1, tau]``, gravity of ``size``."""
+    rows, n = columns.tau.shape
+    parts = np.array_split(np.arange(rows), BLOCKS)
+    out = np.empty((BLOCKS, n, 10, 10))
+    for j in range(n):
+        table = np.column_stack(
+            [
+                columns.motion[:, j],
+                columns.gravity[:, j] * size,
+                columns.free(j)[:, :3],
+                columns.beside[:, j],
+                np.ones(rows),
+                columns.tau[:, j],
+            ]
+        )
+        out[:, j] = [table[part].T @ table[part] for part in parts]
+    return out
+
+
+def _without_free(gram: Array) -> Array:
+    """(5, 5) products of motion, gravity and torque of one joint, less what the free columns explain."""
+    kept = [0, 1, 2, 3, _TORQUE]
+    inner, cross = gram[_FREE, _FREE], gram[_FREE][:, kept]
+    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    pinv = np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
+    return np.asarray(gram[np.ix_(kept, kept)] - cross.T @ pinv @ cross)
+
+
+def _estimate(rest: list[Array], says: Array, own: Array) -> tuple[float, Array]:
+    """The multiple of the motion's torque in that of the joints where it is large, and of the weight's in those that
+    have a say."""
+    fits = [_fit(r) for r in rest]
+    told = np.array([t for _, t, _ in fits])
+    # By what each joint tells of the torque that is left.
+    trust = np.where(told >= STRONG**2 * told.max(), told, 0.0) / np.array([left for _, _, left in fits])
+    motion = float(trust @ np.array([x[0] for x, _, _ in fits])) / max(float(trust.sum()), 1e-300)
+    weight = [
+        np.sqrt(max(float(x[1:4] @ r[1:4, 1:4] @ x[1:4]), 0.0) / modelled)
+        for r, (x, _, _), speaks, modelled in zip(rest, fits, says, own, strict=True)
+        if speaks
+    ]
+    return motion, np.array(weight)
+
+
+def _fit(r: Array) -> tuple[Array, float, float]:
+    """Coefficients (4,) of motion and gravity, the motion's square sum beside gravity, what is left of the torque."""
+    scale = np.sqrt(np.maximum(np.diag(r)[:4], 1e-300))
+    inner = np.linalg.pinv(r[:4, :4] / np.outer(scale, scale), rcond=1e-6, hermitian=True)
+    x = (inner @ (r[:4, 4] / scale)) / scale
+    beside = r[0, 1:4] @ np.linalg.pinv(r[1:4, 1:4], rcond=1e-9, hermitian=True)
+    told = max(float(r[0, 0] - beside @ r[1:4, 0]), 0.0)
+    return x, told, max(float(r[4, 4] - x @ r[:4, 4]), 1e-6 * float(r[4, 4]), 1e-300)
