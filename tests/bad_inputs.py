@@ -242,7 +242,11 @@ CASES: list[Case] = [
         frame(lambda t: t.rename(columns={f"{s}{j}": f"{s}{j - 1}" for s in ("q", "tau") for j in (1, 2)})),
     ),
     Case("a column twice", CHECK, lines(lambda t: [t[0].replace("q2", "q1"), *t[1:]])),
-    Case("semicolons for commas", CHECK, lines(lambda t: [x.replace(",", ";") for x in t])),
+    Case(
+        "semicolons and decimal commas",
+        CHECK,
+        lines(lambda t: [x.replace(",", ";").replace(".", ",") for x in t]),
+    ),
     Case("decimal commas", CHECK, lines(lambda t: [t[0], *(x.replace(".", ",") for x in t[1:])])),
     Case("a row cut off", CHECK, lines(lambda t: [*t[:-1], t[-1][: len(t[-1]) // 2]])),
     Case("a row with a value too many", CHECK, lines(lambda t: [*t[:40], t[40].strip() + ",1.0\n", *t[41:]])),

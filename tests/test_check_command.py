@@ -282,6 +282,21 @@ def test_a_copy_of_a_training_run_is_no_second_run(run):
     assert check_duplicates(train, test) == []
 
 
+def test_what_close_loop_refuses_for_its_motion_check_refuses_too(logs, tmp_path, run, capsys):
+    """Two seconds hold rows enough to be read, and too few in motion at the loop's bandwidth."""
+    write_log(tmp_path / "slow.parquet", run.rows(slice(None, None, 40)), arm().joint_names)
+    rested = run.with_signals(q=0.001 * run["q"])
+    write_log(tmp_path / "rest.parquet", rested, arm().joint_names)
+    for name in ("slow", "rest"):
+        log = tmp_path / f"{name}.parquet"
+        told = command("check", "--robot", logs / "robot.urdf", "--data", log)
+        said = capsys.readouterr().out
+        closed = command("close-loop", "--robot", logs / "robot.urdf", "--train", log, "--out", tmp_path / name)
+        assert (told, closed) == (2, 2), said
+        assert "WRONG" in said
+        capsys.readouterr()
+
+
 def test_logs_too_slow_or_too_short_give_no_verdict(run):
     slow = run.rows(slice(None, None, 80))  # 5 Hz
     assert codes(check_rate([slow])) == [("hard", "too_slow")]

@@ -1,14 +1,17 @@
 """A log against a completed model: what the model knows is no fault, and what it hits only read otherwise is one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.small_arm import HIDDEN, arm
 
-from hybrid_dynamics.check import checked_log
+from hybrid_dynamics.check import checked_log, told_by_model
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop import LoopSettings, close_loop
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.simulation.excitation import excitation
+from hybrid_dynamics.simulation.excitation import excitation, excitations
 from hybrid_dynamics.trajectory import Trajectory
 
 #: A strong spring against gravity, a base on a wall, and readings that are off: none of it is in the URDF.
@@ -74,3 +77,41 @@ def test_a_constant_torque_and_one_that_is_missing_say_nothing():
     still = swapped.with_signals(tau=np.full_like(run["tau"], 2.0))
     bare = Trajectory("bare", "test", run.time, {"q": swapped["q"]})
     assert doubts(Model(arm(), HIDDEN), still) == doubts(Model(arm(), HIDDEN), bare) == []
+
+
+def test_positions_in_another_unit_are_told_to_a_model():
+    run, model = log(*HIDDEN), Model(arm(), HIDDEN)
+    (found,) = told_by_model(model, [run.with_signals(q=np.deg2rad(run["q"]))])
+    assert (found.code, found.suggestion) == ("degrees", {"units": {"q": "rad"}})
+    assert found.text.startswith("positions are 0.0175 times what the model knows of them")
+    assert "in radians, and read as degrees" in found.text
+
+
+@pytest.mark.parametrize("factor", [0.2, 5.0])
+def test_runs_of_another_gain_are_no_test_of_a_model(factor):
+    run, model = log(*HIDDEN), Model(arm(), HIDDEN)
+    weak = replace(run.with_signals(tau=factor * run["tau"]), name="weak")
+    (found,) = told_by_model(model, [run, weak])
+    assert (found.code, found.severity, found.run) == ("torque_unit", "hard", "weak")
+    times = float(found.text.removeprefix("measured torques are ").partition(" times what the model knows of them")[0])
+    assert times == pytest.approx(factor, rel=0.02)
+    assert found.suggestion["gain"]["tau"][0] == pytest.approx(1 / factor, rel=0.02)
+    # What is predicted along a log does not depend on its torque.
+    assert "torque_unit" not in doubts(model, weak)
+    # A joint's own gain, or a payload, is for close-loop to name.
+    one = replace(run.with_signals(tau=run["tau"] * [1.0, factor]), name="one")
+    assert told_by_model(model, [one]) == []
+
+
+@pytest.mark.parametrize("signals", [("q", "tau"), ("q",), ("tau",)])
+def test_a_test_run_that_the_training_runs_model_hits_read_otherwise_only_is_refused(signals):
+    train, (test,) = excitations(arm(), HIDDEN, train=2, test=1, duration=8.0, rate=200.0)
+    settings = LoopSettings(effects=("viscous_friction", "coulomb_friction"))
+    assert close_loop(arm(), train, [test], settings).diagnosis.verdict == "explained"
+    other = test.with_signals(**{s: test[s][:, ::-1] for s in signals})
+    with pytest.raises(InputError, match=r"exchange|wrong sign|turned round"):
+        close_loop(arm(), train, [other], settings)
+    with pytest.raises(
+        InputError, match=r"run test_1: measured torques are (0.2|0.199) times .* one of the two is read wrongly"
+    ):
+        close_loop(arm(), train, [test.with_signals(tau=0.2 * test["tau"])], settings)

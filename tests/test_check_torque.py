@@ -93,6 +93,43 @@ def test_exchanged_columns_are_told_with_the_joints(panda, run, pair, signals):
     assert columns[signals[0]] == [f"{signals[0]}{k + 1}" for k in order]
 
 
+#: Two links side by side, of which each could be taken for the other with another mass.
+LINKS = (("l1", 5, 0.1, 0.05), ("l2", 4, 0.2, 0.06), ("l3", 2, 0.15, 0.02), ("l4", 0.8, 0.05, 0.004))
+AXES = (
+    ("pan", "base", "l1", 0.1, "0 0 1", 80),
+    ("lift", "l1", "l2", 0.1, "0 1 0", 80),
+    ("elbow", "l2", "l3", 0.4, "0 1 0", 80),
+    ("wrist", "l3", "l4", 0.3, "1 0 0", 20),
+)
+
+
+def four() -> Robot:
+    bodies = "".join(
+        f'<link name="{name}"><inertial><origin xyz="0 0 {z}"/><mass value="{mass}"/><inertia ixx="{i}" iyy="{i}" '
+        f'izz="{i / 4}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for name, mass, z, i in LINKS
+    )
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><origin xyz="0 0 {z}"/><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2.5" upper="2.5" velocity="4" effort="{effort}"/></joint>'
+        for name, parent, child, z, axis, effort in AXES
+    )
+    return Robot.from_text(f'<robot name="four"><link name="base"/>{bodies}{joints}</robot>', "four")
+
+
+@pytest.mark.parametrize("name", ["train_1", "train_2"])
+def test_exchanged_joints_that_other_masses_nearly_explain_are_told(name):
+    hidden = [
+        Effect("viscous_friction", ("pan",), {"viscous_coefficient": 4.0}),
+        Effect("coulomb_friction", ("lift",), {"coulomb_torque": 3.0}),
+        Effect("armature", ("elbow",), {"armature": 0.2}),
+    ]
+    log = excitation(four(), hidden, name=name, duration=10.0, rate=250.0)
+    assert told(four(), log) == []
+    swapped = log.with_signals(**{s: log[s][:, [0, 2, 1, 3]] for s in ("q", "tau")})
+    assert told(four(), swapped) == [("hard", "joint_order", "lift")]
+
+
 def test_a_position_that_counts_backwards_is_no_wrong_sign_of_the_torque(panda, run):
     mirror = np.where(np.arange(7) == 3, -1, 1)
     assert told(panda, run.with_signals(q=run["q"] * mirror)) == [("hard", "position_sign", JOINTS[3])]

@@ -244,6 +244,25 @@ def test_options_from_a_file_and_the_command_line_wins(here, capsys):
     assert "block is 'long'; expected a number" in capsys.readouterr().err
 
 
+def test_an_option_that_stands_twice_loses_nothing(here, capsys):
+    """Several values add up; of one value one of the two would be lost without a word."""
+    learnt = ("close-loop", "--robot", "robot.urdf", "--test", "test_1.parquet", "--json")
+    twice = (*learnt, "--train", "train_1.parquet", "--train", "train_2.parquet", "--out", "twice")
+    assert run(*twice, "--set", "effects=[viscous_friction]", "--set", "block=1.0") == 0
+    capsys.readouterr()
+    provenance = json.loads(Path("twice/diagnosis.json").read_text())["provenance"]
+    assert provenance["command"]["train"] == ["train_1.parquet", "train_2.parquet"]
+    assert provenance["command"]["set"] == ["effects=[viscous_friction]", "block=1.0"]
+    assert run(*learnt, "--train", "train_1.parquet", "--out", "a", "--out", "b") == 2
+    assert "--out stands twice; keep one" in capsys.readouterr().err
+    assert not Path("a").exists()
+    assert not Path("b").exists()
+    # Several values of a file give way to those of the command line, all of them.
+    Path("more.yaml").write_text("train: [train_1.parquet, none.parquet]\n")
+    assert run(*learnt, "--config", "more.yaml", "--train", "train_2.parquet", "--out", "c") == 0
+    assert json.loads(Path("c/diagnosis.json").read_text())["provenance"]["command"]["train"] == ["train_2.parquet"]
+
+
 def program(*arguments: str, **options: Any) -> "subprocess.Popen[Any]":
     environment = {**os.environ, "OMP_NUM_THREADS": "1", **options.pop("env", {})}
     return subprocess.Popen([*PROGRAM, *arguments], env=environment, **options)

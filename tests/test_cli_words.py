@@ -51,14 +51,14 @@ def test_words_for_every_verdict():
     ]
     value["verdict"] = "partly_explained"
     line = headline(value)
-    assert line.startswith("missing, and not all: payload 1.47 kg; Coulomb friction 3 to 5 N m on a, b;")
+    assert line.startswith("missing, and not all: payload 1.47 kg; Coulomb friction 3 and 5 N m on a, b;")
     assert "armature" not in line
     contradicted = "contradicted by the test runs, not in the model: armature on b: the error grows by 3 %"
     assert contradicted in details(value)
     assert any("contradicted, not in the model" in x for x in parameter_lines(value))
     value |= {"effects": [], "verdict": "unexplained", "motion_dependent": [True, True]}
     value["unexplained"] = [{"joint": "b", "share_of_residual_variance": 0.7, "expression": "sin(q1)"}]
-    assert headline(value).startswith("something is missing, but nothing known explains it; held-out error 22.8 %")
+    assert headline(value).startswith("something is missing, but nothing looked for explains it; held-out error 22.8 %")
     told = details(value)
     left = "not down to noise: b: 70 % of the mean square that is left (rms 0.2 N m) depends on the motion"
     assert f"{left}; it looks like sin(q1) [N m]" in told
@@ -166,7 +166,7 @@ def test_what_is_zero_or_left_open_is_not_in_the_headline():
     assert "left open by these motions: stribeck velocity of Stribeck friction on a" in details(value)
     other = effect("stribeck_friction", ["b"], ("coulomb_torque", 5.0, "N m"), ("static_torque", 0.0, "N m"))
     value["effects"].append(other)
-    assert "Stribeck friction on a, b (Coulomb torque 2 to 5 N m, static torque 3 N m)" in headline(value)
+    assert "Stribeck friction on a, b (Coulomb torque 2 and 5 N m, static torque 3 N m)" in headline(value)
     kinds = ("viscous_friction", "torque_offset", "armature", "torque_gain", "torque_ripple")
     value["effects"] += [effect(kind, ["a"], ("x", 1.0, "1")) for kind in kinds]
     value["effects"] += [effect("drift", ["a"], ("rate", 1.0, "N m/s"))]

@@ -87,6 +87,10 @@ def test_results_keep_their_tasks(cluster):
         ({"address": "tcp://10.0.0.5:8786"}, r"without encryption.*tls://"),
         ({"address": "cluster.example:8786"}, "without encryption"),
         ({"address": "tls://10.0.0.5:8786"}, "needs certificates"),
+        (
+            {"address": "tls://10.0.0.5:8786", "certificates": ("none.pem",) * 3},
+            "none.pem: no such file",
+        ),
         ({"workers": 0}, "workers is 0"),
     ],
 )

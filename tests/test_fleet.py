@@ -133,6 +133,9 @@ def test_the_command_tells_and_the_exit_code_says_that_one_was_refused(yard, don
     value = json.loads(capsys.readouterr().out)
     assert (value["kept"], list(value["refused"])) == (4, ["broken"])
     assert value["trends"][0]["trend"] == "rising"
+    with pytest.raises(SystemExit):
+        main(["fleet", "--manifest", "runs.parquet", "--out", "fleet"])
+    assert capsys.readouterr().out.splitlines()[0] == "5 runs: 4 explained, 1 refused"
     good = pd.read_parquet("runs.parquet").iloc[:4]
     good.assign(train=good["train"].str[0]).to_csv("good.csv", index=False)
     with pytest.raises(SystemExit) as stop:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from tests.small_arm import write_logs
 
 from hybrid_dynamics.cli import main
 from hybrid_dynamics.effects import Effect
@@ -139,3 +140,16 @@ def test_unusable_input_is_one_line_and_leaves_nothing(logs, tmp_path, capsys):
         assert run(*start, "--train", logs / "train_1.parquet", "--set", setting) == 2
         assert complaint in one_line(capsys)
     assert not out.exists()
+
+
+def test_what_was_not_looked_for_is_not_told_to_be_outside_the_catalogue(tmp_path, capsys):
+    write_logs(tmp_path)
+    asked = ["close-loop", "--robot", str(tmp_path / "robot.urdf"), "--train", str(tmp_path / "train_1.parquet")]
+    asked += ["--test", str(tmp_path / "test_1.parquet"), "--out", str(tmp_path / "out")]
+    with pytest.raises(SystemExit) as end:
+        main([*asked, "--set", "effects=[torque_offset]"])
+    assert end.value.code == 0
+    said = capsys.readouterr()
+    assert "nothing looked for explains it" in said.out
+    assert "catalogue" not in said.out
+    assert "looked for torque_offset and nothing else" in said.out + said.err

@@ -19,6 +19,7 @@ from hybrid_dynamics.loop.floor import examine
 from hybrid_dynamics.loop.prepare import gather, read_motion, torque_step
 from hybrid_dynamics.loop.search import search
 from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop_report.rest import state_of
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation, excitations
 from hybrid_dynamics.trajectory import Trajectory
@@ -81,6 +82,12 @@ def test_a_torque_in_wide_steps_or_none_at_all_makes_no_bodies(panda: Robot) -> 
     result = close_loop(panda, train, test)
     assert named(result) == {("viscous_friction", (name,))}
     assert any("panda_joint7 never changes" in note for note in result.diagnosis.notes)
+    # What a joint in motion needs, and nothing is known of, is not explained.
+    assert result.diagnosis.verdict == "partly_explained"
+    assert [(e["joint"], e["why"].partition(" in the")[0]) for e in result.diagnosis.not_identifiable] == [
+        ("panda_joint7", "its torque never changes")
+    ]
+    assert state_of(result.diagnosis.to_json(), 6)[1] == "its torque never changes"
     # The floor knows what rounding takes away.
     assert np.all(np.asarray(result.diagnosis.noise_floor)[:6] >= 0.99 * step[:6] / np.sqrt(12))
     # Control: with noise wider than the steps, these are part of it.

@@ -165,7 +165,11 @@ BAD: dict[str, tuple[Callable[[str], str], list[str]]] = {
     "missing time": (change(1, 1, "t"), ["column 'time' is missing"]),
     "double column": (change(1, 3, "q1"), ["column 'q1' stands twice"]),
     "no header": (drop_line(1), ["column 'time' is missing"]),
-    "semicolons": (lambda text: text.replace(",", ";"), ["row 1", "no comma"]),
+    "decimal commas": (
+        lambda text: text.replace(",", ";").replace(".", ","),
+        ["column 'time', row", "a point in the place of the comma"],
+    ),
+    "one column": (lambda text: text.replace(",", " "), ["row 1", "no comma"]),
     "zero torque": (zero_torque, ["torque columns are all zero", "log effort"]),
     "too slow": (lambda text: "\n".join(text.splitlines()[::20]), ["(5 Hz)", "at least 50", "log at a higher rate"]),
     "too few rows": (lambda text: "\n".join(text.splitlines()[:20]), ["19 rows", "at least 50"]),
@@ -188,6 +192,14 @@ def test_bad_table_is_refused_by_name(tmp_path: Path, case: str) -> None:
         assert part in text
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_semicolons_and_tabs_part_columns_as_commas_do(tmp_path: Path, mark: str) -> None:
+    wanted = read_log(write(tmp_path, csv_text(UNIFORM)), JOINTS)
+    read = read_log(write(tmp_path, csv_text(UNIFORM).replace(",", mark)), JOINTS)
+    for signal in wanted.signals:
+        np.testing.assert_array_equal(read[signal], wanted[signal])
 
 
 @given(

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 from urllib.parse import urlsplit
 
@@ -127,6 +128,9 @@ class Cluster:
             )
         if parts.scheme == "tls" and self.certificates is None:
             raise ConfigError(f"scheduler {self.address} needs certificates: authority, client, key (PEM files)")
+        for file in self.certificates or ():
+            if not Path(file).is_file():
+                raise ConfigError(f"{file}: no such file; expected a certificate or key for {self.address} (PEM)")
 
     def __enter__(self) -> Cluster:
         with needs_extra("dask", "engine=dask"):

@@ -31,8 +31,9 @@ PACES = (1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3)
 #: or where its links, without which it is explained by so much worse, would weigh this many times what they should, or
 #: less than one over it.
 AGAINST, PLAUSIBLE = 0.3, 5.0
-#: Rows on which exchanged positions are tried, and the share a joint must leave unexplained before they are.
-SWAP_ROWS, UNEXPLAINED = 2000, 0.3
+#: Rows on which exchanged positions are tried, the share a joint must leave unexplained before they are, and from which
+#: on it is not explained.
+SWAP_ROWS, ASKED, UNEXPLAINED = 2000, 0.1, 0.3
 #: A joint counts as explained where a guess leaves less than this share of its torque's mean square.
 EXPLAINED = 0.6
 #: The sign of one joint's torque is surely wrong only where the other one leaves less than this share.
@@ -79,7 +80,7 @@ def best_guess(model: Robot | Completed, parts: Sequence[Stretch], forms: Forms,
         guesses += [_assigned(forms, told, g, identity), _assigned(forms, told, g, None)]
     guesses += [_paced(forms, told, pace) for pace in PACES]
     best = min(guesses, key=lambda guess: guess.total)
-    if np.exp(max(best.scores)) > UNEXPLAINED and n > 1:
+    if np.exp(max(best.scores)) > ASKED and n > 1:
         best = min([best, *_rearranged(model, parts, told, best)], key=lambda guess: guess.total)
     return told, best
 

@@ -1,14 +1,14 @@
-"""Signs and orders of columns under which a completed model explains the torque as it is, nothing fitted.
+"""Signs, orders and units of columns under which a completed model explains the torque as it is, nothing fitted.
 
 :mod:`.torque` leaves open what a robot may have beyond its description: a spring or a tool looks like a torque turned
 round, a coupling like columns exchanged. A completed model leaves nothing of that open. Where it misses the log as it
-stands and hits it once a column is turned round or exchanged, the log is what is wrong.
+stands and hits it once a column is turned round or exchanged, or in another unit, the log is what is wrong.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -20,6 +20,7 @@ from hybrid_dynamics.check.cures import exchanged, reordered, turned
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.forms import FLOOR
 from hybrid_dynamics.check.guess import few_rows
+from hybrid_dynamics.check.samples import Stretch
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -30,12 +31,14 @@ MISSED, HIT, WORSE = 0.3, 0.05, 0.02
 
 @dataclass(frozen=True)
 class _Reading:
-    """``signals`` of ``joints`` (0-based) among ``n`` are exchanged (two joints) or turned round."""
+    """``signals`` of ``joints`` (0-based) among ``n`` are exchanged (two joints) or turned round; or those of all
+    joints are ``factor`` times too large."""
 
     n: int
     joints: tuple[int, ...] = ()
     signals: tuple[str, ...] = ()
     exchanged: bool = False
+    factor: float = 1.0
 
     @property
     def source(self) -> list[int]:
@@ -49,16 +52,28 @@ class _Reading:
         flipped = self.joints if "tau" in self.signals and not self.exchanged else ()
         return [-1 if j in flipped else 1 for j in range(self.n)]
 
+    def of(self, parts: Sequence[Stretch]) -> list[Stretch]:
+        """``parts`` with positions, or torques, that are so many times smaller."""
+        scale = 1.0 / self.factor
+        moved, torque = (scale if s in self.signals else 1.0 for s in ("q", "tau"))
+        return [
+            replace(p, q=moved * p.q, dq=moved * p.dq, ddq=moved * p.ddq, tau=torque * p.tau) if scale != 1.0 else p
+            for p in parts
+        ]
+
     @property
     def moved(self) -> dict[str, Any]:
         """What happens to the positions, for :func:`columns_of`."""
-        if "q" not in self.signals:
+        if "q" not in self.signals or self.factor != 1.0:
             return {}
         return {"swap": self.joints} if self.exchanged else {"mirror": self.joints[0]}
 
 
-def check_known(model: Robot | Completed, runs: Sequence[Trajectory]) -> list[Finding]:
-    """A hard finding where ``model`` hits the torque of ``runs`` (``q tau`` on uniform grids) read otherwise only."""
+def check_known(model: Robot | Completed, runs: Sequence[Trajectory], gains: bool = False) -> list[Finding]:
+    """A hard finding where ``model`` hits the torque of ``runs`` (``q tau`` on uniform grids) read otherwise only.
+
+    With ``gains`` all torques may be wrong by one factor, too: of a log that is predicted along, none of its business.
+    """
     parts = few_rows(true_stretches(model, runs))
     if not parts:
         return []
@@ -66,7 +81,7 @@ def check_known(model: Robot | Completed, runs: Sequence[Trajectory]) -> list[Fi
     names = body_of(model).joint_names
 
     def left(reading: _Reading) -> Array:
-        columns = columns_of(model, parts, **reading.moved)
+        columns = columns_of(model, reading.of(parts), **reading.moved)
         tau = columns.tau[:, reading.source]
         off = tau * reading.sign - np.column_stack([columns.model(j, gravity) for j in range(len(names))])
         power = np.mean(tau**2, axis=0)
@@ -75,12 +90,19 @@ def check_known(model: Robot | Completed, runs: Sequence[Trajectory]) -> list[Fi
     told = left(_Reading(len(names)))
     if not np.any(told > MISSED):
         return []
-    tried = [(reading, left(reading)) for reading in _readings(len(names))]
+    tried = [(reading, left(reading)) for reading in (*_readings(len(names)), *_units(model, parts, gains))]
     reading, best = min(tried, key=lambda pair: float(np.sum(np.log(pair[1] + FLOOR))))
     better = told - best > MISSED
     if not better.any() or np.any(best[better] > HIT) or np.any(best > told + WORSE):
         return []
     return [_finding(reading, names, float(told[better].max()), float(best[better].max()))]
+
+
+def told_by_model(model: Completed, runs: Sequence[Trajectory]) -> list[Finding]:
+    """:func:`check_known` of each of ``runs`` that ``model`` was not learnt from."""
+    found = ((run, f) for run in runs for f in check_known(model, [run], gains=True))
+    by = "by the model that the training runs teach; one of the two is read wrongly"
+    return [replace(f, run=run.name, text=f"{f.text} ({by})") for run, f in found]
 
 
 def _readings(n: int) -> Iterator[_Reading]:
@@ -92,6 +114,22 @@ def _readings(n: int) -> Iterator[_Reading]:
         yield _Reading(n, tuple(range(n)), ("tau",))
 
 
+def _units(model: Robot | Completed, parts: Sequence[Stretch], gains: bool) -> Iterator[_Reading]:
+    """Positions in degrees or in radians that are taken for the other; with ``gains`` torques wrong by one factor."""
+    columns, gravity = columns_of(model, parts), standing(body_of(model))
+    n = columns.tau.shape[1]
+    if not body_of(model).prismatic:
+        yield from (_Reading(n, signals=("q", "dq"), factor=float(f)) for f in (np.rad2deg(1.0), np.deg2rad(1.0)))
+    if not gains:
+        return
+    hats = np.column_stack([columns.model(j, gravity) for j in range(n)])
+    power = np.einsum("tj,tj->j", hats, hats)
+    factors = np.einsum("tj,tj->j", hats, columns.tau) / np.maximum(power, 1e-300)
+    typical = float(np.median(factors[power > 0])) if (power > 0).any() else 1.0
+    if typical > 0:
+        yield _Reading(n, signals=("tau",), factor=typical)
+
+
 def _finding(reading: _Reading, names: Sequence[str], before: float, after: float) -> Finding:
     joints = [names[j] for j in reading.joints]
     what = {
@@ -100,6 +138,8 @@ def _finding(reading: _Reading, names: Sequence[str], before: float, after: floa
         ("q", "dq", "tau"): "position and torque",
     }[reading.signals]
     shares = f"the model leaves {before:.0%} of the mean square as it stands, {after:.0%} so"
+    if reading.factor != 1.0:
+        return _unit(reading, shares)
     if reading.exchanged:
         text = (
             f"{what} of {joints[0]} and {joints[1]} are exchanged ({shares}); expected the columns in the order of the "
@@ -115,3 +155,15 @@ def _finding(reading: _Reading, names: Sequence[str], before: float, after: floa
     code = "position_sign" if "q" in reading.signals else "torque_sign"
     cure = turned(len(names), reading.joints, reading.signals)
     return Finding(code, "hard", text, joint=joints[0] if len(joints) == 1 else "", suggestion=cure)
+
+
+def _unit(reading: _Reading, shares: str) -> Finding:
+    """All of the signals are so many times too large."""
+    times = f"{reading.factor:.3g} times what the model knows of them ({shares})"
+    if "tau" in reading.signals:
+        text = f"measured torques are {times}; expected N m at the joint: convert the unit, or correct the gain"
+        cure = {"gain": {"tau": [round(1.0 / reading.factor, 6)]}}
+        return Finding("torque_unit", "hard", text, suggestion=cure)
+    large = reading.factor > 1
+    text = f"positions are {times}: they are in {'degrees' if large else 'radians, and read as degrees'}; expected rad"
+    return Finding("degrees", "hard", text, suggestion={"units": {"q": "deg" if large else "rad"}})

@@ -358,8 +358,8 @@ def _units(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.bool_])
     else:
         told = (
             "convert the unit: a motor current needs torque constant times gear ratio, a torque on the motor's side "
-            f"the gear ratio; factors by joint: {each}; a torque without the weight of the links, of slow motion, looks"
-            " so, too: gravity: compensated in the log.yaml"
+            f"the gear ratio; factors by joint: {each}; positions that are not in rad look so, too, and in slow motion "
+            "a torque without the weight of the links (gravity: compensated in the log.yaml)"
         )
         cure = {}
     text = f"measured torque is {alpha[j]:.3g} times the model's on joint {j + 1}; expected N m at the joint; {told}"

@@ -44,6 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if getattr(parsed, "json", False):
                 Console.of(parsed).result({"status": "error", "error": one_line(error), "exit_code": error.exit_code})
             raise
+        except KeyboardInterrupt:
+            if getattr(parsed, "json", False):
+                Console.of(parsed).result({"status": "error", "error": "interrupted", "exit_code": 130})
+            raise
 
     with safe_streams():
         run_main(run)

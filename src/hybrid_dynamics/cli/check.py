@@ -12,7 +12,7 @@ from hybrid_dynamics.cli.console import Console
 from hybrid_dynamics.cli.options import LOG_HELP, add_command, add_log_form, add_robot, log_form
 
 if TYPE_CHECKING:
-    from hybrid_dynamics.check import Finding
+    from hybrid_dynamics.check import Checked, Finding
     from hybrid_dynamics.loop import Model
     from hybrid_dynamics.readers.description import LogDescription
     from hybrid_dynamics.robots import Robot
@@ -35,8 +35,12 @@ def add_parser(subparsers: Any) -> None:
     )
     add_robot(parser)
     add_log_form(parser)
-    parser.add_argument("--data", required=True, nargs="+", type=Path, metavar="LOG", help="logs to look at")
-    parser.add_argument("--test", nargs="+", type=Path, default=[], metavar="LOG", help="logs that are to be held out")
+    parser.add_argument(
+        "--data", required=True, nargs="+", action="extend", type=Path, metavar="LOG", help="logs to look at"
+    )
+    parser.add_argument(
+        "--test", nargs="+", action="extend", type=Path, default=[], metavar="LOG", help="logs that are to be held out"
+    )
     parser.add_argument(
         "--model",
         type=Path,
@@ -155,8 +159,23 @@ def look(
     result = checked(robot, runs["train"], runs["test"], refuse=False)
     found += result.findings
     if not any(f.severity == "hard" for f in found):
-        found += check_excitation(robot, result.train)
+        found += [*check_excitation(robot, result.train), *_motion(robot, result)]
     return ordered(found)
+
+
+def _motion(robot: Robot, logs: Checked) -> list[Finding]:
+    """A finding where ``close-loop`` refuses the motion that is left of ``logs`` at its bandwidth."""
+    from hybrid_dynamics.check.findings import Finding
+    from hybrid_dynamics.errors import InputError, one_line
+    from hybrid_dynamics.loop import LoopSettings
+    from hybrid_dynamics.loop.prepare import read_motion
+
+    try:
+        # Nothing is cut off to be held out: which runs are learnt from is not said yet.
+        read_motion(robot, logs.train, logs.test or logs.train, LoopSettings())
+    except InputError as error:
+        return [Finding("motion", "hard", one_line(error))]
+    return []
 
 
 def _tell(console: Console, findings: list[Finding]) -> int:

@@ -22,10 +22,13 @@ def add_parser(subparsers: Any) -> None:
     )
     add_robot(parser)
     add_log_form(parser)
-    parser.add_argument("--train", required=True, nargs="+", type=Path, metavar="LOG", help="logs to learn from")
+    parser.add_argument(
+        "--train", required=True, nargs="+", action="extend", type=Path, metavar="LOG", help="logs to learn from"
+    )
     parser.add_argument(
         "--test",
         nargs="+",
+        action="extend",
         type=Path,
         default=[],
         metavar="LOG",
@@ -48,7 +51,12 @@ def add_parser(subparsers: Any) -> None:
         "--ignore-dynamics", action="store_true", help="leave the URDF's <dynamics> out of the starting model"
     )
     parser.add_argument(
-        "--set", nargs="+", default=[], metavar="NAME=VALUE", help="settings, such as sign_widths=[0,0.05] or block=1"
+        "--set",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=VALUE",
+        help="settings, such as sign_widths=[0,0.05] or block=1",
     )
 
 

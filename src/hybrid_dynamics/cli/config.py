@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +15,41 @@ _MAX_BYTES = 1_000_000
 
 
 def with_config(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> list[str]:
-    """``arguments`` with those of the config file they name put in front, so that the command line wins.
+    """``arguments`` with those of the config file they name put in front, but for options that they hold themselves:
+    the command line wins.
 
-    Paths in the file mean what they mean on the command line: relative to the working folder.
+    An option of one value that stands twice is refused (:class:`ConfigError`): one of the two would be lost. Paths in
+    the file mean what they mean on the command line: relative to the working folder.
     """
     arguments = list(arguments)
-    path = _named(arguments)
     commands = _commands(parser)
-    if path is None or not arguments or arguments[0] not in commands:
+    if not arguments or arguments[0] not in commands:
         return arguments
-    return [arguments[0], *_tokens(path, commands[arguments[0]]), *arguments[1:]]
+    command = commands[arguments[0]]
+    given = _given(arguments)
+    _demand_once(command, given)
+    path = _named(arguments)
+    return arguments if path is None else [arguments[0], *_tokens(path, command, given), *arguments[1:]]
+
+
+def _given(arguments: Sequence[str]) -> list[str]:
+    """The options among ``arguments``, without their dashes."""
+    before = takewhile(lambda word: word != "--", arguments)
+    return [word.partition("=")[0].removeprefix("--") for word in before if word.startswith("--")]
+
+
+def _demand_once(command: argparse.ArgumentParser, given: Sequence[str]) -> None:
+    for action in command._actions:
+        if action.nargs in (0, "+", "*"):
+            continue
+        for option in action.option_strings:
+            if given.count(option.removeprefix("--")) > 1:
+                raise ConfigError(f"{option} stands twice; keep one")
 
 
 def _named(arguments: Sequence[str]) -> str | None:
     found = None
-    for k, word in enumerate(arguments):
-        if word == "--":
-            break
+    for k, word in enumerate(takewhile(lambda word: word != "--", arguments)):
         if word == "--config" and k + 1 < len(arguments):
             found = arguments[k + 1]
         elif word.startswith("--config="):
@@ -45,7 +64,8 @@ def _commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentPar
     return {}
 
 
-def _tokens(path: str, command: argparse.ArgumentParser) -> list[str]:
+def _tokens(path: str, command: argparse.ArgumentParser, given: Sequence[str]) -> list[str]:
+    """What the file at ``path`` says of options that are not ``given``, as on the command line."""
     values = _read(path)
     options = {
         option.removeprefix("--"): action
@@ -58,7 +78,8 @@ def _tokens(path: str, command: argparse.ArgumentParser) -> list[str]:
         action = options.get(str(key).replace("_", "-"))
         if action is None:
             raise ConfigError(f"{path}: option {key!r} is unknown; known are {', '.join(sorted(options))}")
-        out += _option(path, str(key).replace("_", "-"), value, action)
+        tokens = _option(path, str(key).replace("_", "-"), value, action)
+        out += tokens if str(key).replace("_", "-") not in given else []
     return out
 
 

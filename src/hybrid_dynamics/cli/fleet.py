@@ -43,7 +43,12 @@ def add_parser(subparsers: Any) -> None:
         "--part", default="1/1", metavar="K/M", help="only the K-th of every M rows, without tables (batch systems)"
     )
     parser.add_argument(
-        "--set", nargs="+", default=[], metavar="NAME=VALUE", help="settings, such as sign_widths=[0,0.05] or block=1"
+        "--set",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=VALUE",
+        help="settings, such as sign_widths=[0,0.05] or block=1",
     )
     parser.add_argument(
         "--force", action="store_true", help="put the results into --out also where it holds other files"
@@ -119,6 +124,8 @@ def _tables(console: Console, out: Path, result: FleetResult) -> dict[str, Any]:
     runs, trends = (pd.read_csv(out / f"{name}.csv") for name in ("runs", "trends"))
     verdicts = runs["verdict"].dropna().value_counts()
     told = ", ".join(f"{n} {str(v).replace('_', ' ')}" for v, n in verdicts.items())
+    refused = int(runs["verdict"].isna().sum())
+    told = ", ".join([*([told] if told else []), *([f"{refused} refused"] if refused else [])])
     console.say(f"{len(result.outcomes)} runs: {told}")
     moving = trends[trends["trend"].isin(["rising", "falling"])]
     for row in moving.itertuples():

@@ -85,7 +85,9 @@ def add_command(
 def add_robot(parser: argparse.ArgumentParser) -> None:
     """``--robot`` and ``--lock``."""
     parser.add_argument("--robot", required=True, type=Path, metavar="URDF", help="URDF of the robot")
-    parser.add_argument("--lock", nargs="+", default=[], metavar="JOINT", help="joints fixed at zero (not in the logs)")
+    parser.add_argument(
+        "--lock", nargs="+", action="extend", default=[], metavar="JOINT", help="joints fixed at zero (not in the logs)"
+    )
 
 
 def add_log_form(parser: argparse.ArgumentParser) -> None:

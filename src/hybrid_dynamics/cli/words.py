@@ -53,7 +53,7 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
         lead = verdict_words(diagnosis) if asked(diagnosis) else "nothing is missing"
         return f"{lead}; {_error_kept(diagnosis)}"
     if not named:
-        return f"something is missing, but nothing known explains it; {error}"
+        return f"something is missing, but nothing looked for explains it; {error}"
     # Asked of an earlier model, what is found is what has changed since: friction may have become less.
     lead = "changed" if asked(diagnosis) else "missing or wrong in the URDF" if described(diagnosis) else "missing"
     return f"{lead}{'' if verdict == 'explained' else ', and not all'}: {named}; {error}"

@@ -9,7 +9,7 @@ from importlib import import_module
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from hybrid_dynamics.check import Checked, checked
+from hybrid_dynamics.check import Checked, checked, refuse_hard, told_by_model
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.carried import carried_over
@@ -116,6 +116,8 @@ def _close(
 
     progress(0.8, "asking the test runs")
     full = found.model(found.terms)
+    # What the training runs teach leaves nothing open of how the test runs are read.
+    refuse_hard(told_by_model(full, plausible.test))
     said = confirm(judge, base, full, found, logs.test, terms)
     runs = [*logs.train, *logs.test]
     left = [run.tau - predict_run(said.model, run) for run in runs]
@@ -129,7 +131,15 @@ def _close(
     progress(0.9, "describing what is left")
     # Where runs disagree the evidence is of effects with parameters for every run.
     rival = better_with_everything(judge, [] if found.inconsistent else terms, said.model, logs.test, logs.rounded_away)
-    notes = [*plausible.notes, *logs.notes, *searched.notes, *found.notes, *pushed_in_tests(full, logs.test, settings)]
+    only = [f"looked for {', '.join(settings.effects)} and nothing else"] if settings.effects else []
+    notes = [
+        *only,
+        *plausible.notes,
+        *logs.notes,
+        *searched.notes,
+        *found.notes,
+        *pushed_in_tests(full, logs.test, settings),
+    ]
     diagnosis, models = describe_result(
         judge, base, terms, found, full, said, floor, carried, standing, rival, logs, notes
     )

@@ -28,6 +28,9 @@ from hybrid_dynamics.loop.unexplained import expression_of
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
+#: Why a joint's effects are not sought: it does not move, or its torque says nothing.
+STILL, SILENT = "the joint never moves", "its torque never changes"
+
 
 def describe_result(
     judge: Judge,
@@ -110,7 +113,7 @@ def describe_result(
         "schema": 2,
         "robot": robot.name,
         "joints": list(robot.joint_names),
-        "verdict": verdict_of(any(e["confirmed"] for e in entries), explained & (not unsure)),
+        "verdict": verdict_of(any(e["confirmed"] for e in entries), explained & ~logs.silent & (not unsure)),
         "effects": entries,
         "error": _errors(base, full, said.model, logs, False),
         "error_moving": _errors(base, full, said.model, logs, True),
@@ -133,7 +136,7 @@ def describe_result(
         "not_identifiable": [
             {
                 "joint": robot.joint_names[j],
-                "why": "the joint never moves in the training runs; its effects are not sought",
+                "why": f"{SILENT if logs.silent[j] else STILL} in the training runs; its effects are not sought",
             }
             for j in np.flatnonzero(~logs.moving)
         ],

@@ -40,13 +40,15 @@ STEPS, MANY_STEPS = 0.5, 1.0
 class Logs:
     """Processed runs: ``train`` is learned from, ``test`` held out; ``moving`` (n,) joints that move in ``train``.
 
-    ``step`` (n,) [N m]: the steps in which the torque was recorded, where nothing blurs them; else 0.
+    ``step`` (n,) [N m]: the steps in which the torque was recorded, where nothing blurs them; else 0. ``silent`` (n,):
+    joints that move and whose torque never changes; they count as not moving.
     """
 
     train: list[Run]
     test: list[Run]
     moving: NDArray[np.bool_]
     step: Array
+    silent: NDArray[np.bool_]
     notes: list[str]
 
     @property
@@ -83,11 +85,13 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
     moving = moving_joints(runs, settings.process)
     if not moving.any():
         raise InputError(
-            f"no joint moves more than {settings.process.moving_range} rad in the training runs; expected logs of a "
-            "robot in motion"
+            f"no joint moves by more than {settings.process.moving_range} rad, and faster than "
+            f"{settings.process.slow_speed} rad/s on {FEWEST_ROWS} samples, in the training runs; expected logs of a "
+            "robot in motion, long enough at their rate"
         )
     step = torque_step([t for t, _ in split.train])
-    for joint in np.flatnonzero(moving & np.isinf(step)):
+    silent = moving & np.isinf(step)
+    for joint in np.flatnonzero(silent):
         notes.append(
             f"the torque of {robot.joint_names[joint]} never changes in the training runs: nothing is said of this "
             "joint; look whether its sensor is connected and fine enough"
@@ -95,7 +99,7 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
         moving[joint] = False
         for run in [*runs, *tests]:
             run.mask[:, joint] = False
-    logs = Logs(runs, tests, moving, np.where(np.isinf(step), 0.0, step), notes)
+    logs = Logs(runs, tests, moving, np.where(np.isinf(step), 0.0, step), silent, notes)
     notes += _told_untested(robot, logs, bool(test), settings)
     notes += _told_repeated(logs, len(train), bool(test), settings)
     return logs

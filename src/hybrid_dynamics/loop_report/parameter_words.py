@@ -12,6 +12,7 @@ from hybrid_dynamics.loop_report.words import (
     confirmed,
     ends_of,
     left_open,
+    listed,
     standing,
     title_of,
     unit_of,
@@ -22,6 +23,8 @@ from hybrid_dynamics.loop_report.words import (
 Entry = Mapping[str, Any]
 #: An effect with more parameters than this has a table's worth of them; the headline counts its links.
 _MOST = 4
+#: Joints that are named one by one have each its value.
+FEW = 3
 #: Settings that :func:`settings_words` and :func:`place` tell in words of their own, or that the effect's name tells.
 _IN_WORDS = (
     "sign_of", "of", "response", "shape", "expression", "links", "intervals", "only_run", "sign_width",
@@ -117,7 +120,7 @@ def single_words(entry: Entry) -> str:
 
 
 def several_words(entries: Sequence[Entry], places: str) -> str:
-    """The same effect on several joints, every parameter as a range: ``Coulomb friction 2.7 to 8.5 N m on a, b``."""
+    """The same effect on several joints: ``Coulomb friction 2.7 and 8.5 N m on a, b``; on many, ranges."""
     ranges = _ranges(entries)
     name = title_of(entries[0]["effect"])
     extra = _open_mass(entries)
@@ -205,14 +208,16 @@ def _shown(value: Any) -> str:
 
 
 def _ranges(entries: Sequence[Entry]) -> dict[str, list[Mapping[str, Any]]]:
-    """Parameters that matter, by name, over several entries of one effect."""
+    """Parameters that matter, by name, over several entries of one effect; ``listed``: each of few joints has one."""
     out: dict[str, list[Mapping[str, Any]]] = {}
+    places = {entry["joints"][0] for entry in entries if entry["joints"]}
+    few = len(places) == len(entries) <= FEW
     for entry in entries:
         for p in matter(entry):
             if _is_open_mass(entry, p):
                 continue
             out.setdefault(p["name"], []).append({**p, "ends": ends_of(entry, p)})
-    return out
+    return {name: [{**p, "listed": few and len(own) == len(entries)} for p in own] for name, own in out.items()}
 
 
 def _value(entry: Entry, p: Mapping[str, Any]) -> str:
@@ -223,6 +228,12 @@ def _value(entry: Entry, p: Mapping[str, Any]) -> str:
 
 
 def _range(parameters: Sequence[Mapping[str, Any]]) -> str:
+    """The values in the order of their joints, where these stand beside them; else between which they lie."""
+    if all(p["listed"] for p in parameters):
+        values = [arrow(p["ends"], 3) if "start" in p["ends"] else f"{p['value']:.3g}" for p in parameters]
+        before = [f"{p['ends']['urdf']:.3g}" for p in parameters if "urdf" in p["ends"]]
+        told = f"{listed(values)}{_tail(parameters[0]['unit'])}"
+        return f"{told} (URDF: {listed(before)})" if len(before) == len(values) else told
     own = f"{_span([p['value'] for p in parameters])}{_tail(parameters[0]['unit'])}"
     if any("start" in p["ends"] for p in parameters):
         return f"changed by {own}"

@@ -54,8 +54,9 @@ def _sizes(d: Diagnosis, key: str) -> dict[str, float]:
 def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
     """(kind, words) of what is left on a joint; kinds are ``good``, ``open`` and ``unseen``."""
     name = d["joints"][joint]
-    if name in {entry["joint"] for entry in d.get("not_identifiable", [])}:
-        return "unseen", "never moves"
+    if why := [entry["why"] for entry in d.get("not_identifiable", []) if entry["joint"] == name]:
+        # The joint never moves, or its torque never changes.
+        return "unseen", why[0].partition(" in the training runs")[0].removeprefix("the joint ")
     if flags(d, "motion_dependent")[joint]:
         return "open", ALARM
     if flags(d, "worse_on_test")[joint]:

@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.files import check_target
 from hybrid_dynamics.readers.bags import BAG_SUFFIXES, read_bag
-from hybrid_dynamics.readers.delimited import STANDARD_INPUT
+from hybrid_dynamics.readers.delimited import STANDARD_INPUT, separated_otherwise
 from hybrid_dynamics.readers.described import converted, read_described
 from hybrid_dynamics.readers.description import COMPENSATED, LogDescription, load_description
 from hybrid_dynamics.readers.glitches import repair, told
@@ -65,7 +65,7 @@ def _as_logged(
     name = name if name is not None else ("stdin" if str(path) == STANDARD_INPUT else file.stem)
     packed = str(path) == STANDARD_INPUT or file.suffix.lower() == ".gz"
     bag = file.suffix.lower() in BAG_SUFFIXES or (file.is_dir() and not (log and log.files))
-    if not bag and (packed or log is not None):
+    if not bag and (packed or log is not None or separated_otherwise(file)):
         if topic is not None:
             raise InputError(f"{file}: a table has no topics; leave out --topic {topic}, or give a bag")
         tell = notify or (lambda message: None)

@@ -52,7 +52,7 @@ def read_raw_table(
     table, first_row = _load(file)
     signals = _signals(table, file, joint_names, torque)
     if table.num_rows < min(settings.min_rows, 2):
-        raise too_few(file, np.empty(0), settings.min_rows)
+        raise too_few(file, np.empty(table.num_rows), settings.min_rows)
     time = _column(table, "time", file, first_row)
     check_time(time, file, first_row)
     if len(time) < settings.min_rows:
@@ -155,7 +155,9 @@ def _load_csv(file: Path) -> pa.Table:
         raise InputError(f"{file}: row 1: no comma in {header[:40]!r}; expected a comma-separated header {LAYOUT}")
     names = [field.strip().strip('"') for field in header.split(",")]
     if "time" not in names:
-        raise InputError(f"{file}: row 1: column 'time' is missing in {header[:40]!r}; expected a header {LAYOUT}")
+        raise InputError(
+            f"{file}: row 1: column 'time' is missing in {header[:40]!r}; expected {LAYOUT} (or --columns)"
+        )
     twice = sorted({field for field in names if names.count(field) > 1})
     if twice:
         raise InputError(f"{file}: column {twice[0]!r} stands twice in the header; expected {LAYOUT}")
@@ -218,11 +220,13 @@ def _signals(table: pa.Table, file: Path, joint_names: Sequence[str], torque: bo
             )
             raise InputError(
                 f"{file}: {fault}; the robot has {n} joint{'s' * (n > 1)} ({', '.join(joint_names)}): expected "
-                f"{signal}1 to {signal}{n} in the URDF's order"
+                f"{signal}1 to {signal}{n} in the URDF's order (--columns: other names; --lock: joints without a log)"
             )
         for j in range(1, n + 1):
             if j not in numbers:
-                raise InputError(f"{file}: column '{signal}{j}' is missing; expected {signal}1 to {signal}{n}")
+                raise InputError(
+                    f"{file}: column '{signal}{j}' is missing; expected {signal}1 to {signal}{n} (or --columns)"
+                )
         for number in numbers:
             if not 1 <= number <= n:
                 raise InputError(f"{file}: column '{signal}{number}': the robot has {n} joints, numbered from 1")
@@ -257,9 +261,10 @@ def numbers_of(column: pa.ChunkedArray, name: str, file: str | os.PathLike[str],
         found = column[int(bad[0])].as_py()
         text = "nothing" if found is None or found == "" else repr(found) if isinstance(found, str) else str(found)
         more = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
+        comma = isinstance(found, str) and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", found) is not None
+        remedy = "write it with a point in the place of the comma" if comma else "remove the row or repair it"
         raise InputError(
-            f"{file}: column '{name}', row {bad[0] + first_row} holds {text}{more}; expected a finite number: "
-            "remove the row or repair it"
+            f"{file}: column '{name}', row {bad[0] + first_row} holds {text}{more}; expected a finite number: {remedy}"
         )
     return values
 
@@ -288,5 +293,5 @@ def check_time(time: Array, file: str | os.PathLike[str], first_row: int) -> Non
     if step > MAX_STEP:
         raise InputError(
             f"{file}: column 'time': the median step is {step:g} s; expected seconds, at most {MAX_STEP} s a step "
-            "(is it in milliseconds or nanoseconds?)"
+            "(is it in milliseconds or nanoseconds? --units ms or --units ns says so)"
         )
