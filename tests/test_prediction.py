@@ -200,6 +200,8 @@ def test_one_sample_at_a_time_is_the_whole_run():
     drift = Effect("drift", ("shoulder",), {"rate": 0.1, "time_constant": 100.0}, {"of": "offset"})
     with pytest.raises(InputError, match="effect drift changes over the run"):
         Model(two_links(), (drift,)).torque([0.1, 0.2], [0.5, 0.0], [0.0, 0.0])
+    with pytest.raises(InputError, match="a state holds 3 values; expected 2 of q, dq and ddq each"):
+        Model(two_links()).torque([0.1, 0.2, 0.3], [0.5, 0.0], [0.0, 0.0])
 
 
 def test_a_log_of_another_robot_is_refused():

@@ -115,7 +115,7 @@ class Model:
         """Torque (n,) [N m] at one state ``q dq ddq`` (n,), for a controller that asks at every tick.
 
         Friction with a memory counts as without one, and a delay is left out: both need the past. What changes over
-        the run (drift, contacts) is refused (:class:`InputError`).
+        the run (drift, contacts) is refused (:class:`InputError`), and so are states of another number of joints.
 
         >>> from hybrid_dynamics import Model, Robot
         >>> Model(Robot.from_urdf("robot.urdf")).torque([0.1, 0.0], [0.0, 0.0], [0.0, 0.0]).shape
@@ -123,6 +123,8 @@ class Model:
         """
         changed, law = self._momentary
         at = tuple(np.asarray(a, float).reshape(1, -1) for a in (q, dq, ddq))
+        if wrong := [a.size for a in at if a.size != self.robot.n_joints]:
+            raise InputError(f"a state holds {wrong[0]} values; expected {self.robot.n_joints} of q, dq and ddq each")
         now = Readings(self.readings.offset, self.readings.gain)
         return np.asarray(predict_acting(changed, law, now, at[0], at[1], at[2])[0])
 

@@ -1,0 +1,115 @@
+"""Rules of a few lines, each against what it is to be, where the tests of what is built on them hardly feel it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from tests.small_arm import arm
+
+from hybrid_dynamics.effects import Term, family
+from hybrid_dynamics.loop.boxes import _jumps
+from hybrid_dynamics.loop.contact import _spread
+from hybrid_dynamics.loop.outliers import outlier_segments
+from hybrid_dynamics.loop.paths import _finer
+from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel, least_rows
+
+
+def test_a_derivative_is_exact_for_what_bends_and_twists():
+    t = np.arange(9) * 0.1
+    # Fourth order is exact for t^4 inside, second order is not; near the ends it is of second order.
+    np.testing.assert_allclose(derivative((t**4)[:, None], 0.1)[2:-2, 0], 4 * t[2:-2] ** 3, atol=1e-12)
+    np.testing.assert_allclose(derivative((t[:4] ** 2)[:, None], 0.1)[1:-1, 0], 2 * t[1:3], atol=1e-12)
+    assert derivative(t[:4, None] ** 4, 0.1).shape == (4, 1)
+
+
+@pytest.mark.parametrize("step", [1, 2, 5])
+def test_a_hann_window_is_even_of_unit_sum_and_halves_its_own_frequency(step):
+    taps = hann_kernel(0.2, 0.001, step)
+    assert len(taps) % 2 == 1
+    np.testing.assert_allclose(taps, taps[::-1])
+    assert taps.sum() == pytest.approx(1.0)
+    assert taps.argmax() == len(taps) // 2
+    at = (np.arange(len(taps)) - len(taps) // 2) * 0.001 * step
+    assert abs(np.sum(taps * np.exp(-2j * np.pi * 5.0 * at))) == pytest.approx(0.5, abs=0.01)
+    # Samples left out leave the window as wide.
+    assert at[-1] == pytest.approx(0.1, abs=0.001 * step)
+
+
+@pytest.mark.parametrize("rate", [100.0, 500.0, 1000.0])
+def test_a_run_needs_more_than_the_filters_ends_by_a_third_of_a_second(rate):
+    settings = ProcessSettings()
+    # Both ends of the filter, some periods of its cutoff, then .3 s of rows, twenty at least.
+    ends = least_rows(1 / rate, settings) - max(20, round(0.3 * rate))
+    assert ends / rate == pytest.approx(2 * END_PERIODS / settings.cutoff_at(1 / rate), abs=2 / rate)
+
+
+def test_states_between_two_lie_on_the_way_from_one_to_the_other():
+    states = np.array([[0.0, 2.0], [1.0, 0.0], [3.0, -2.0]])
+    finer = _finer(states)
+    assert len(finer) > 3
+    np.testing.assert_allclose(finer[0], states[0])
+    np.testing.assert_allclose(finer[-1], states[-1])
+    for row in finer:
+        assert (row[1] == pytest.approx(2 - 2 * row[0])) or (row[1] == pytest.approx(1 - row[0]))
+        assert 0.0 <= row[0] <= 3.0
+
+
+def test_a_jump_is_what_comes_after_less_what_was_before():
+    seen = np.concatenate([np.full(40, 1.0), np.full(40, 4.0)])
+    jumps = _jumps(seen, np.ones(80, bool), near=3, reach=10)
+    assert len(jumps) == 81
+    assert jumps[40] == pytest.approx(3.0)
+    assert jumps[20] == jumps[60] == pytest.approx(0.0)
+    # Within a few rows nothing is known of either side.
+    assert np.isnan(jumps[[0, 1, 80]]).all()
+
+
+def test_the_average_of_rows_that_remember_each_other_is_as_uncertain_as_of_fewer():
+    noise = np.random.default_rng(0).normal(size=4000)
+    run = SimpleNamespace(time=np.arange(4000) * 0.01, cutoff=5.0)
+    seen = [np.ones(4000, bool)]
+    # A second holds five rows at 5 Hz, whatever the rate of the log.
+    assert _spread([], [noise], seen, 100, run) == pytest.approx(noise.std() / np.sqrt(5.0), rel=0.01)
+    # What other stretches leave counts where there are some, and is more.
+    assert _spread([3.0] * 8, [noise], seen, 100, run) == pytest.approx(3.0)
+    assert _spread([3.0] * 2, [noise], seen, 100, run) < 1.0
+
+
+@pytest.mark.parametrize(("joints", "found"), [(4, 1), (3, 1), (2, 0)])
+def test_a_moment_that_surprises_most_joints_is_left_out_without_a_jolt(joints, found):
+    rng = np.random.default_rng(3)
+    time = np.arange(2000) * 0.01
+    residual, ddq = rng.normal(size=(2000, 5)), rng.normal(size=(2000, 5))
+    residual[1000:1010, :joints] += 40.0
+    segments = outlier_segments(0, time, ddq, residual, np.ones((2000, 5), bool), pad=0.05)
+    assert len(segments) == found
+    assert all(s.start <= 1000 and s.stop >= 1010 and s.joints == joints for s in segments)
+
+
+def test_a_coupling_is_asked_of_neighbours_of_which_one_is_asked_about():
+    robot, kind = arm(), family("joint_coupling")
+
+    def rows(*moving: bool) -> set[tuple[int | None, str]]:
+        return {(t.joint, t.options["rows"]) for t in kind.terms(robot, np.array(moving), {})}
+
+    assert rows(True, True) == {(0, "both"), (0, "own"), (1, "own")}
+    assert rows(True, False) == {(0, "both"), (0, "own")}
+    assert rows(False, True) == {(0, "both"), (1, "own")}
+    assert rows(False, False) == set()
+
+
+def test_columns_of_a_lag_are_the_slope_of_the_torque_behind_it():
+    time = np.arange(400) * 0.005
+    torque = np.column_stack([np.sin(3 * time), np.cos(2 * time)])
+    kind = family("time_delay")
+
+    def slope(lag: float, **options: object) -> np.ndarray:
+        motion = SimpleNamespace(torque=torque, time=time, given_lag=lag)
+        term = Term("time_delay", None, tuple(options.items()))
+        return kind.columns(motion, term)[100:-100, :, 0]
+
+    plain = -np.gradient(torque, time, axis=0)[100:-100]
+    np.testing.assert_allclose(slope(0.1), plain, atol=1e-3)
+    behind = 1 / np.sqrt(1 + (3 * 0.1) ** 2)
+    late = -3 * behind * np.cos(3 * time - np.arctan(0.3))[100:-100]
+    np.testing.assert_allclose(slope(0.1, response="lag")[150:, 0], late[150:], atol=0.01)
