@@ -282,18 +282,16 @@ def test_a_copy_of_a_training_run_is_no_second_run(run):
     assert check_duplicates(train, test) == []
 
 
-def test_what_close_loop_refuses_for_its_motion_check_refuses_too(logs, tmp_path, run, capsys):
-    """Two seconds hold rows enough to be read, and too few in motion at the loop's bandwidth."""
-    write_log(tmp_path / "slow.parquet", run.rows(slice(None, None, 40)), arm().joint_names)
-    rested = run.with_signals(q=0.001 * run["q"])
-    write_log(tmp_path / "rest.parquet", rested, arm().joint_names)
-    for name in ("slow", "rest"):
-        log = tmp_path / f"{name}.parquet"
+def test_what_close_loop_refuses_for_its_motion_check_refuses_too(logs, tmp_path, capsys):
+    """Ten times a second is read, and at the loop's bandwidth too few rows are left in which a joint moves."""
+    for rate, code in ((10.0, 2), (100.0, 0)):
+        log = tmp_path / f"{rate:g}.parquet"
+        write_log(log, excitation(arm(), HIDDEN, duration=14.0, rate=rate), arm().joint_names)
         told = command("check", "--robot", logs / "robot.urdf", "--data", log)
         said = capsys.readouterr().out
-        closed = command("close-loop", "--robot", logs / "robot.urdf", "--train", log, "--out", tmp_path / name)
-        assert (told, closed) == (2, 2), said
-        assert "WRONG" in said
+        closed = command("close-loop", "--robot", logs / "robot.urdf", "--train", log, "--out", tmp_path / log.stem)
+        assert (told, closed) == (code, code), said
+        assert ("WRONG     motion" in said) == (code == 2)
         capsys.readouterr()
 
 

@@ -11,9 +11,16 @@ from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, close_loop
 from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.excitation import excitation, excitations
 from hybrid_dynamics.trajectory import Trajectory
 
+#: A turntable.
+TABLE = (
+    '<robot name="table"><link name="base"/><link name="top"><inertial><mass value="3"/><inertia ixx="0.05" iyy="0.05" '
+    'izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="turn" type="revolute"><parent link="base"/>'
+    '<child link="top"/><axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="10" effort="20"/></joint></robot>'
+)
 #: A strong spring against gravity, a base on a wall, and readings that are off: none of it is in the URDF.
 SPRING = Effect("joint_spring", ("elbow",), {"stiffness": 25.0, "rest_position": 0.4}, {"shape": "linear"})
 WALL = Effect("gravity_tilt", (), {"roll": 0.0, "pitch": np.pi / 2})
@@ -101,6 +108,13 @@ def test_runs_of_another_gain_are_no_test_of_a_model(factor):
     # A joint's own gain, or a payload, is for close-loop to name.
     one = replace(run.with_signals(tau=run["tau"] * [1.0, factor]), name="one")
     assert told_by_model(model, [one]) == []
+
+
+def test_a_load_or_worn_friction_of_the_only_joint_is_no_gain():
+    table = Robot.from_text(TABLE, "table.urdf")
+    rubbing = [Effect("viscous_friction", ("turn",), {"viscous_coefficient": v}) for v in (2.0, 6.0)]
+    worn = excitation(table, rubbing[1:], duration=8.0, rate=200.0)
+    assert told_by_model(Model(table, tuple(rubbing[:1])), [worn]) == []
 
 
 @pytest.mark.parametrize("signals", [("q", "tau"), ("q",), ("tau",)])

@@ -65,6 +65,12 @@ def weighed(robot: Robot, *logs: Trajectory) -> list[str]:
     return [f.severity for f in check_weight(*columns_and_gravity(robot, logs))]
 
 
+def told_by_check(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    with pytest.raises(SystemExit) as end:
+        main(["check", *arguments])
+    return int(end.value.code or 0), capsys.readouterr().out
+
+
 def test_a_torque_without_gravity_is_told_with_what_mends_it(panda, run):
     findings, _ = check_torque(panda, [without(panda, run)])
     assert [(f.severity, f.code, f.suggestion) for f in findings] == [
@@ -98,6 +104,40 @@ def test_arms_of_other_makers_with_links_that_weigh_otherwise(name, seconds):
     log = excitation(heavier, friction(robot), duration=seconds, rate=100.0)
     assert weighed(robot, log) == []
     assert weighed(robot, without(heavier, log)) == ["hard"]
+
+
+@pytest.mark.parametrize("times", [2.0, 3.0])
+def test_links_whose_inertia_the_urdf_has_too_little_of_keep_their_weight(times):
+    robot = Robot.from_urdf(find_description("ur5_robot.urdf"))
+    slower = robot.copy()
+    for k in range(1, slower.model.njoints):
+        slower.model.inertias[k].inertia = slower.model.inertias[k].inertia * times
+    log = excitation(slower, friction(robot), duration=30.0, rate=100.0)
+    found = weigh(*columns_and_gravity(robot, [log]))
+    assert found is not None
+    assert found.motion > 1.3
+    assert weighed(robot, log) == []
+    assert weighed(robot, without(robot, log)) == ["hard"]
+
+
+@pytest.mark.parametrize("still", [0, 1])
+def test_a_joint_that_moves_alone_has_its_weight(still):
+    log = excitation(arm(), friction(arm()), duration=15.0, rate=100.0, still=[still])
+    assert weighed(arm(), log) == []
+
+
+def test_the_one_joint_that_lifts_may_be_balanced_by_a_spring():
+    """Of a pan and tilt one joint has a say: told, and not refused; so where the base may stand otherwise."""
+    text = URDF.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>', 1)
+    tilt = Robot.from_text(text, "tilt.urdf")
+    log = without(tilt, excitation(tilt, friction(tilt), duration=16.0, rate=100.0))
+    found = weigh(*columns_and_gravity(tilt, [log]))
+    assert found is not None
+    assert len(found.weight) == 1
+    assert weighed(tilt, log) == ["warning"]
+    (finding,) = check_weight(*columns_and_gravity(arm(), [without(arm(), excitation(arm()))]), tilted=True)
+    assert (finding.severity, finding.suggestion) == ("warning", {})
+    assert finding.text.endswith("a base that stands so that no joint lifts anything looks the same")
 
 
 @pytest.mark.parametrize("gravity", [(0, 0, 9.81), (9.81, 0, 0), (0, -6.9367, -6.9367)], ids=["ceiling", "wall", "45"])
@@ -194,6 +234,36 @@ def test_what_was_compensated_is_added_as_the_urdf_has_it(tmp_path):
         read_log(tmp_path / "rest.parquet", robot.joint_names, log=COMPENSATED)
 
 
+def test_what_was_added_hides_no_fault_of_what_was_logged(tmp_path, capsys):
+    """A torque that never changes has no weight, plateaus are those of the log, a slip of a position weighs nothing."""
+    robot = arm()
+    [log], _ = excitations(robot, (), train=1, test=0, duration=8.0, rate=200.0)
+    rest = without(robot, log)
+    dead = rest["tau"].copy()
+    dead[:, 1] = 0.3
+    top = 0.4 * np.abs(rest["tau"]).max(axis=0)
+    slipped = rest["q"].copy()
+    slipped[700, 0] += 2.0
+    faults = {
+        "dead": rest.with_signals(tau=dead),
+        "clipped": rest.with_signals(tau=np.clip(rest["tau"], -top, top)),
+        "slipped": rest.with_signals(q=slipped),
+    }
+    for name, run in faults.items():
+        write_log(tmp_path / f"{name}.parquet", run, robot.joint_names)
+    read = read_log(tmp_path / "dead.parquet", robot, log=COMPENSATED)
+    assert np.ptp(read["tau"], axis=0)[1] == 0.0
+    assert np.ptp(read["tau"], axis=0)[0] > 1.0
+    np.testing.assert_allclose(
+        read_log(tmp_path / "slipped.parquet", robot, log=COMPENSATED)["tau"], log["tau"], atol=0.1
+    )
+    (tmp_path / "log.yaml").write_text("gravity: compensated\n")
+    (tmp_path / "robot.urdf").write_text(URDF)
+    asked = ["--robot", str(tmp_path / "robot.urdf"), "--log", str(tmp_path / "log.yaml"), "--data"]
+    _, said = told_by_check(capsys, *asked, str(tmp_path / "clipped.parquet"))
+    assert "saturation" in said
+
+
 def test_units_and_signs_come_before_the_weight(tmp_path):
     robot = arm()
     [log], _ = excitations(robot, (), train=1, test=0, duration=4.0, rate=100.0)
@@ -202,12 +272,6 @@ def test_units_and_signs_come_before_the_weight(tmp_path):
     description = describe({"gravity": "compensated", "units": {"tau": "Nmm"}, "sign": {"tau": -1}})
     read = read_log(tmp_path / "rest.parquet", robot, log=description)
     np.testing.assert_allclose(read["tau"], log["tau"], atol=1e-9)
-
-
-def told_by_check(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
-    with pytest.raises(SystemExit) as end:
-        main(["check", *arguments])
-    return int(end.value.code or 0), capsys.readouterr().out
 
 
 def test_check_mends_it_and_close_loop_answers(tmp_path, capsys):

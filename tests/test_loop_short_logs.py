@@ -10,6 +10,7 @@ import pytest
 from tests.small_arm import arm
 
 from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close_loop
 from hybrid_dynamics.loop import floor as floor_module
 from hybrid_dynamics.loop import search as search_module
@@ -184,3 +185,11 @@ def test_a_refused_change_that_takes_the_place_of_another_is_tried_once(monkeypa
     _, steps = search(judge, terms, lambda step: None, [plain])
     assert [step.action for step in steps] == ["stop"]
     assert any({t.effect for t in trial} == {"asymmetric_coulomb_friction"} for trial in tried)
+
+
+def test_a_log_in_which_every_torque_that_says_something_is_silent_is_refused() -> None:
+    train, test = excitations(arm(), (), train=2, test=1, duration=8.0, rate=200.0, still=[0])
+    dead = [run.with_signals(tau=np.column_stack([run["tau"][:, 0], 0.3 + 0 * run["tau"][:, 1]])) for run in train]
+    with pytest.raises(InputError, match="torque of every joint that moves never changes in the training runs"):
+        close_loop(arm(), dead, test)
+    assert close_loop(arm(), train, test).diagnosis.verdict == "nothing_missing"

@@ -200,6 +200,10 @@ def test_semicolons_and_tabs_part_columns_as_commas_do(tmp_path: Path, mark: str
     read = read_log(write(tmp_path, csv_text(UNIFORM).replace(",", mark)), JOINTS)
     for signal in wanted.signals:
         np.testing.assert_array_equal(read[signal], wanted[signal])
+    # What is asked of a header is asked of this one, too.
+    more = csv_text(UNIFORM).replace("q2", "q2,q3", 1).replace(",", mark)
+    with pytest.raises(InputError, match=r"3 columns of q|columns"):
+        read_log(write(tmp_path, more), JOINTS)
 
 
 @given(

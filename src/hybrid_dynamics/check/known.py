@@ -27,6 +27,9 @@ from hybrid_dynamics.types import Array
 
 #: Shares of a joint's mean square: missed from here on, hit up to here; no joint may get worse by more than the last.
 MISSED, HIT, WORSE = 0.3, 0.05, 0.02
+#: One factor is that of at least two joints whose torque is this share of the largest (rms), by so much (natural
+#: logarithm) at most.
+STRONG, ALIKE = 0.05, 0.3
 
 
 @dataclass(frozen=True)
@@ -124,10 +127,11 @@ def _units(model: Robot | Completed, parts: Sequence[Stretch], gains: bool) -> I
         return
     hats = np.column_stack([columns.model(j, gravity) for j in range(n)])
     power = np.einsum("tj,tj->j", hats, hats)
-    factors = np.einsum("tj,tj->j", hats, columns.tau) / np.maximum(power, 1e-300)
-    typical = float(np.median(factors[power > 0])) if (power > 0).any() else 1.0
-    if typical > 0:
-        yield _Reading(n, signals=("tau",), factor=typical)
+    strong = power > STRONG**2 * power.max(initial=0.0)
+    factors = (np.einsum("tj,tj->j", hats, columns.tau) / np.maximum(power, 1e-300))[strong]
+    # Of a single joint it may be a load, or friction that has changed.
+    if len(factors) > 1 and factors.min() > 0 and np.ptp(np.log(factors)) < ALIKE:
+        yield _Reading(n, signals=("tau",), factor=float(np.median(factors)))
 
 
 def _finding(reading: _Reading, names: Sequence[str], before: float, after: float) -> Finding:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -84,10 +85,10 @@ def check_torque(
     told, best = best_guess(model, parts, forms, gravity)
     if not _holds(told, best):
         best = told
-    weight = check_weight(columns, gravity)
-    if best is not told and best.total <= forms.total(np.zeros(3)) + MOUNTING:
-        # Columns that are exchanged, say, hold no weight of their own joints either.
-        weight = []
+    as_good = best is not told and best.total <= forms.total(np.zeros(3)) + MOUNTING
+    # Columns that are exchanged, say, hold no weight of their own joints either.
+    otherwise = as_good and replace(best, gravity=told.gravity, scores=told.scores, price=told.price) != told
+    weight = [] if otherwise else check_weight(columns, gravity, tilted=as_good)
     if any(f.severity == "hard" for f in weight):
         # Without it every other reading is of another robot.
         return weight, gravity

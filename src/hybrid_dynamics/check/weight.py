@@ -26,8 +26,9 @@ BLOCKS, ERRORS = 12, 2.0
 #: the like leave, and this share of the largest weight's torque (rms).
 SAYS, STRONG = 0.1, 0.05
 #: Of the inertia as modelled so many times as much may be in the torque (else its unit is in question), of the weight
-#: at most this share of that: no links are so light beside what they are to move.
-MOVES, LIGHT = (0.25, 4.0), 0.5
+#: at most this share of that: no links are so light beside what they are to move. Inertia beyond so many times the
+#: model's is that of motors, or of a URDF that has too little, and asks for no more weight.
+MOVES, LIGHT, MORE = (0.25, 4.0), 0.5, 1.5
 #: Joints that have their weight all the same, a payload's that the controller knows nothing of, make at most this share
 #: of all weight (rms).
 ALL_THE_SAME = 0.1
@@ -35,7 +36,9 @@ ALL_THE_SAME = 0.1
 ANOTHER_UNIT = 0.8
 #: Weight that is in the torque twice, by the inertia in it.
 TWICE = (1.7, 2.3)
-_MOTION, _GRAVITY, _FREE, _TORQUE = 0, slice(1, 4), slice(4, 9), 9
+#: A column of which this share of its square sum is left is rounding.
+ROUNDING = 1e-9
+_FREE, _TORQUE = slice(4, 9), 9
 
 
 @dataclass(frozen=True)
@@ -60,15 +63,16 @@ class Weighed:
     @property
     def light(self) -> bool:
         """Whether their weight is not, on any joint, as far as it can be told."""
-        return self.weightless or (self.moves and bool(np.all(self.weight < LIGHT * self.motion)))
+        return self.weightless or (self.moves and bool(np.all(self.weight < LIGHT * min(self.motion, MORE))))
 
     @property
     def weightless(self) -> bool:
-        """Whether their weight surely is not: on most joints, two at least where two have a say, and hardly on any."""
+        """Whether their weight surely is not: on most joints that have a say, two at least (a spring may balance one),
+        and hardly on any."""
         off, most = ERRORS * self.weight_error, ERRORS * self.motion_error
-        without = self.weight + off < LIGHT * (self.motion - most)
-        having = self.weight - off > LIGHT * (self.motion + most)
-        enough = max(min(2, len(without)), len(without) // 2 + 1)
+        without = self.weight + off < LIGHT * min(self.motion - most, MORE)
+        having = self.weight - off > LIGHT * min(self.motion + most, MORE)
+        enough = max(2, len(without) // 2 + 1)
         hardly = self.modelled[having].sum() <= ALL_THE_SAME * self.modelled.sum()
         return self.moves and int(without.sum()) >= enough and bool(hardly)
 
@@ -86,9 +90,12 @@ class Weighed:
         return self.moves and bool(np.all((TWICE[0] < share) & (share < TWICE[1])))
 
 
-def check_weight(columns: Columns, gravity: Array) -> list[Finding]:
+def check_weight(columns: Columns, gravity: Array, tilted: bool = False) -> list[Finding]:
     """A finding where the torque holds the inertia of the links and not their weight under ``gravity`` (3,) [m/s^2],
-    or this twice, or neither."""
+    or this twice, or neither.
+
+    ``tilted``: another mounting explains as much; where no joint lifts anything then, nothing is missing.
+    """
     found = weigh(columns, gravity)
     if found is None:
         return []
@@ -101,9 +108,11 @@ def check_weight(columns: Columns, gravity: Array) -> list[Finding]:
             f"{found.motion_error:.0%} of their inertia): it looks like a commanded torque to which the controller adds"
             " gravity itself; log the whole torque, or say gravity: compensated in the log.yaml, which adds what the "
             "URDF's links weigh"
+            + ("; a base that stands so that no joint lifts anything looks the same" if tilted else "")
         )
-        cure = {"gravity": "compensated"} if found.weightless else {}
-        return [Finding("torque_weight", "hard" if found.weightless else "warning", text, suggestion=cure)]
+        sure = found.weightless and not tilted
+        cure = {"gravity": "compensated"} if sure else {}
+        return [Finding("torque_weight", "hard" if sure else "warning", text, suggestion=cure)]
     if found.without_links:
         k = int(np.argmax(found.modelled))
         text = (
@@ -188,7 +197,12 @@ def _without_free(gram: Array) -> Array:
     inner, cross = gram[_FREE, _FREE], gram[_FREE][:, kept]
     scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     pinv = np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
-    return np.asarray(gram[np.ix_(kept, kept)] - cross.T @ pinv @ cross)
+    out = np.asarray(gram[np.ix_(kept, kept)] - cross.T @ pinv @ cross)
+    # What the free columns explain to the last digit, the inertia of a joint that moves alone, is nothing.
+    gone = np.diag(out) <= ROUNDING * np.diag(gram)[kept]
+    gone[-1] = False
+    out[gone], out[:, gone] = 0.0, 0.0
+    return out
 
 
 def _estimate(rest: list[Array], says: Array, own: Array) -> tuple[float, Array]:

@@ -135,7 +135,7 @@ def look(
     from hybrid_dynamics.check.excitation import check_excitation
     from hybrid_dynamics.check.findings import Finding, ordered
     from hybrid_dynamics.cli.predict import read_motion_log
-    from hybrid_dynamics.readers.log import pieces_of, read_raw
+    from hybrid_dynamics.readers.log import as_logged, pieces_of, read_raw, with_weight
 
     found: list[Finding] = []
     runs: dict[str, list[Any]] = {"train": [], "test": []}
@@ -150,9 +150,11 @@ def look(
             found += check_content(raw, robot.joint_names)
             found += [f if f.run else replace(f, run=name) for f in checked_log(model, raw, refuse=False)[1]]
         else:
-            raw = read_raw(path, robot, name, split, notify=notices.append, log=form)
+            # Steps, plateaus and silence are those of what was logged: a weight on top hides them.
+            raw = read_raw(path, robot, name, split, notify=notices.append, log=as_logged(form))
             found += check_content(raw, robot.joint_names)
-            runs[split] += pieces_of(path, raw, robot.joint_names, notify=notices.append)
+            whole = with_weight(raw, robot, form)
+            runs[split] += pieces_of(path, whole, robot.joint_names, notify=notices.append)
         found += [Finding("reading", "note", text) for text in notices]
     if model is not None:
         return ordered(found)

@@ -99,6 +99,11 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
         moving[joint] = False
         for run in [*runs, *tests]:
             run.mask[:, joint] = False
+    if not moving.any():
+        raise InputError(
+            "the torque of every joint that moves never changes in the training runs; expected measured torque [N m]: "
+            "look whether the sensors are connected and fine enough"
+        )
     logs = Logs(runs, tests, moving, np.where(np.isinf(step), 0.0, step), silent, notes)
     notes += _told_untested(robot, logs, bool(test), settings)
     notes += _told_repeated(logs, len(train), bool(test), settings)

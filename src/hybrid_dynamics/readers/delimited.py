@@ -95,16 +95,6 @@ def read_delimited(
     return table, first
 
 
-def separated_otherwise(file: Path) -> bool:
-    """Whether the header of the CSV file is parted by semicolons or tabs, and by no comma."""
-    if file.suffix.lower() not in (".csv", ".txt") or not file.is_file():
-        return False
-    with file.open("rb") as stream:
-        header = stream.readline(1 << 16)
-    text = header.decode("utf-8-sig", errors="replace").strip()
-    return text.replace("\t", "").isprintable() and "," not in text and any(mark in text for mark in (";", "\t"))
-
-
 def _guess(line: str) -> str:
     """The delimiter of a line: the first of tab, semicolon, comma that it holds, else white space."""
     return next((mark for mark in ("\t", ";", ",") if mark in line), " ")

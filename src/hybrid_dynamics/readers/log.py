@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.files import check_target
 from hybrid_dynamics.readers.bags import BAG_SUFFIXES, read_bag
-from hybrid_dynamics.readers.delimited import STANDARD_INPUT, separated_otherwise
+from hybrid_dynamics.readers.delimited import STANDARD_INPUT
 from hybrid_dynamics.readers.described import converted, read_described
 from hybrid_dynamics.readers.description import COMPENSATED, LogDescription, load_description
 from hybrid_dynamics.readers.glitches import repair, told
@@ -40,13 +41,7 @@ def read_raw(
     ``time,q1..qn[,dq1..dqn],tau1..taun`` in SI units (what a ``log.yaml`` holds).
     """
     run = _as_logged(path, _names(robot), name, split, topic, settings or ResampleSettings(), notify, torque, log)
-    if log is None or log.gravity != COMPENSATED or "tau" not in run:
-        return run
-    if not isinstance(robot, Robot):
-        raise ConfigError(
-            "log.gravity is compensated; expected the robot, whose links' weight is added, not its joints"
-        )
-    return _with_weight(run, robot)
+    return with_weight(run, robot, log)
 
 
 def _as_logged(
@@ -65,7 +60,7 @@ def _as_logged(
     name = name if name is not None else ("stdin" if str(path) == STANDARD_INPUT else file.stem)
     packed = str(path) == STANDARD_INPUT or file.suffix.lower() == ".gz"
     bag = file.suffix.lower() in BAG_SUFFIXES or (file.is_dir() and not (log and log.files))
-    if not bag and (packed or log is not None or separated_otherwise(file)):
+    if not bag and (packed or log is not None):
         if topic is not None:
             raise InputError(f"{file}: a table has no topics; leave out --topic {topic}, or give a bag")
         tell = notify or (lambda message: None)
@@ -155,10 +150,27 @@ def _names(robot: Robot | Sequence[str]) -> Sequence[str]:
     return robot.joint_names if isinstance(robot, Robot) else robot
 
 
-def _with_weight(run: Trajectory, robot: Robot) -> Trajectory:
-    """``run`` with the torque of gravity that the controller added, as the model of ``robot`` has it."""
-    still = np.zeros_like(run["q"])
-    return run.with_signals(tau=run["tau"] + robot.inverse_dynamics(run["q"], still, still))
+def with_weight(run: Trajectory, robot: Robot | Sequence[str], log: LogDescription | None) -> Trajectory:
+    """``run``, as it was logged, with the torque of gravity that the controller added, where ``log`` says so: as the
+    model of ``robot`` has it.
+
+    A torque that never changes is none, and stays as it is. Raises :class:`ConfigError` where the robot is not given.
+    """
+    if log is None or log.gravity != COMPENSATED or "tau" not in run:
+        return run
+    if not isinstance(robot, Robot):
+        raise ConfigError(
+            "log.gravity is compensated; expected the robot, whose links' weight is added, not its joints"
+        )
+    # A position that is a slip of the bus has no weight.
+    q = repair(run)[0]["q"]
+    weight = robot.inverse_dynamics(q, 0.0 * q, 0.0 * q)
+    return run.with_signals(tau=run["tau"] + np.where(np.ptp(run["tau"], axis=0) > 0, weight, 0.0))
+
+
+def as_logged(log: LogDescription | None) -> LogDescription | None:
+    """``log`` of a torque to which nothing is added."""
+    return None if log is None else replace(log, gravity="included")
 
 
 def _without_glitches(run: Trajectory, joint_names: Sequence[str], notify: Notify | None) -> Trajectory:

@@ -151,9 +151,10 @@ def _load_csv(file: Path) -> pa.Table:
     # A column may well be called so.
     if head.startswith(b"PAR1") and not header.isprintable():
         raise InputError(f"{file}: a Parquet file; give it a name that ends in .parquet")
-    if "," not in header:
+    mark = next((m for m in (",", ";", "\t") if m in header), None)
+    if mark is None:
         raise InputError(f"{file}: row 1: no comma in {header[:40]!r}; expected a comma-separated header {LAYOUT}")
-    names = [field.strip().strip('"') for field in header.split(",")]
+    names = [field.strip().strip('"') for field in header.split(mark)]
     if "time" not in names:
         raise InputError(
             f"{file}: row 1: column 'time' is missing in {header[:40]!r}; expected {LAYOUT} (or --columns)"
@@ -173,7 +174,7 @@ def _load_csv(file: Path) -> pa.Table:
             file,
             # One thread, or rows are not numbered; Latin-1, so that any byte is some letter and names its column.
             read_options=pacsv.ReadOptions(use_threads=False, column_names=names, skip_rows=1, encoding="latin1"),
-            parse_options=pacsv.ParseOptions(invalid_row_handler=refuse, ignore_empty_lines=False),
+            parse_options=pacsv.ParseOptions(delimiter=mark, invalid_row_handler=refuse, ignore_empty_lines=False),
             convert_options=pacsv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
         )
     except pa.ArrowException as error:
