@@ -208,3 +208,15 @@ def test_a_log_of_another_robot_is_refused():
     run = true_run()
     with pytest.raises(InputError, match="holds 1 joints; robot two_links has 2"):
         predict(Model(two_links()), Trajectory("x", "test", run.time, {"q": run["q"][:, :1]}))
+
+
+def test_a_torque_that_does_not_vary_has_no_spread_to_compare_with():
+    """Filters leave 1e-16 of a constant, and an error over that is no share of anything."""
+    time = np.arange(400) * 0.005
+    q = np.tile([0.3, -0.2], (400, 1))
+    resting = Trajectory("rest", "test", time, {"q": q, "tau": np.tile([0.1, 0.7], (400, 1)) / 3})
+    found = predict(Model(two_links()), resting)
+    assert np.isnan(found.relative_rmse()).all()
+    assert np.isfinite(found.rmse()).all()
+    moved = resting.with_signals(tau=resting["tau"] + 1e-3 * np.sin(time)[:, None])
+    assert np.isfinite(predict(Model(two_links()), moved).relative_rmse()).all()

@@ -51,7 +51,8 @@ def _typed(cls: type[Settings], values: dict[str, Any]) -> Settings:
         default = getattr(defaults, name)
         if isinstance(default, tuple):
             if not isinstance(value, list | tuple):
-                raise ConfigError(f"{name} is {value!r}; expected a list such as [0, 0.05]")
+                example = "[viscous_friction, armature]" if name == "effects" else "[0, 0.05]"
+                raise ConfigError(f"{name} is {value!r}; expected a list such as {example}")
             values[name] = tuple(value)
             if any(isinstance(v, str) != (name == "effects") for v in value):
                 raise ConfigError(

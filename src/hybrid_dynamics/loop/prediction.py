@@ -32,6 +32,10 @@ RIGID_BODY = "rigid_body"
 _FITTED, _REACH, _ORDER = 1.5, 3.0, 3
 
 
+#: A torque that varies by this share of its size, or less, is constant.
+ROUNDING = 1e-9
+
+
 @dataclass(frozen=True)
 class Prediction:
     """Torque [N m] at the log's stamps ``time`` (T,) [s]; rows in a gap too long to bridge are NaN.
@@ -63,10 +67,11 @@ class Prediction:
         return np.asarray(np.sqrt(np.mean((truth - self.tau)[rows] ** 2, axis=0)))
 
     def relative_rmse(self, smooth: bool = True, ends: bool = True) -> Array:
-        """(n,) the same over the standard deviation of the torque; NaN where that does not vary."""
+        """(n,) the same over the standard deviation of the torque; NaN where that does not vary, but for rounding."""
         truth, rows = self._compared(smooth, ends)
         errors, spread = self.rmse(smooth, ends), truth[rows].std(axis=0)
-        return np.asarray(np.divide(errors, spread, out=np.full_like(errors, np.nan), where=spread > 0))
+        varies = spread > ROUNDING * np.abs(truth[rows]).max(axis=0, initial=0.0)
+        return np.asarray(np.divide(errors, spread, out=np.full_like(errors, np.nan), where=varies))
 
     def relative_error(self, smooth: bool = True, ends: bool = True) -> float:
         """Norm of the error over the norm of the torque, all joints together; NaN where that is zero."""
