@@ -1,17 +1,25 @@
 """Rules of a few lines, each against what it is to be, where the tests of what is built on them hardly feel it."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal.windows import hann
 from tests.small_arm import arm
 
-from hybrid_dynamics.effects import Term, family
+from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.loop import LoopSettings
+from hybrid_dynamics.loop.blackbox import _trees
 from hybrid_dynamics.loop.boxes import _jumps
 from hybrid_dynamics.loop.contact import _spread
+from hybrid_dynamics.loop.described import _beside, _worse
+from hybrid_dynamics.loop.floor import examine
+from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.outliers import outlier_segments
 from hybrid_dynamics.loop.paths import _finer
-from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel, least_rows
+from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel, least_rows, process
+from hybrid_dynamics.simulation.excitation import excitations
 
 
 def test_a_derivative_is_exact_for_what_bends_and_twists():
@@ -33,6 +41,12 @@ def test_a_hann_window_is_even_of_unit_sum_and_halves_its_own_frequency(step):
     assert abs(np.sum(taps * np.exp(-2j * np.pi * 5.0 * at))) == pytest.approx(0.5, abs=0.01)
     # Samples left out leave the window as wide.
     assert at[-1] == pytest.approx(0.1, abs=0.001 * step)
+
+
+def test_a_hann_window_is_that_of_the_books():
+    # Without its zeros, in SciPy's words: 201 taps of 1 ms.
+    book = hann(203)[1:-1]
+    np.testing.assert_allclose(hann_kernel(0.2, 0.001), book / book.sum(), atol=1e-12)
 
 
 @pytest.mark.parametrize("rate", [100.0, 500.0, 1000.0])
@@ -113,3 +127,57 @@ def test_columns_of_a_lag_are_the_slope_of_the_torque_behind_it():
     behind = 1 / np.sqrt(1 + (3 * 0.1) ** 2)
     late = -3 * behind * np.cos(3 * time - np.arctan(0.3))[100:-100]
     np.testing.assert_allclose(slope(0.1, response="lag")[150:, 0], late[150:], atol=0.01)
+
+
+def test_the_floor_of_white_noise_is_as_wide_as_its_rows_are_few():
+    (log,), _ = excitations(arm(), (), train=1, test=0, duration=10.0, rate=200.0)
+    run = process(log, arm(), ProcessSettings())
+    white = np.random.default_rng(5).normal(size=run.tau.shape)
+    floor = examine([run], [white], [run.mask], np.zeros(2), np.zeros(2), LoopSettings())
+    rows, rms = run.mask.sum(axis=0), np.array([white[m, j].std() for j, m in enumerate(run.mask.T)])
+    # One standard deviation of an rms of a quarter of the rows: neighbours are not counted as independent.
+    assert not floor.motion_dependent.any()
+    np.testing.assert_allclose(floor.high / rms, 1 + 1 / np.sqrt(rows / 4), rtol=0.015)
+    np.testing.assert_array_less(floor.low, 1.05 * rms)
+
+
+def test_trees_predict_a_fold_from_the_others():
+    rng = np.random.default_rng(2)
+    x = rng.uniform(-1, 1, (1200, 2))
+    y = np.sin(3 * x[:, 0]) + 0.01 * rng.normal(size=1200)
+    folds = np.repeat(np.arange(4), 300)
+    hat = _trees(x, y, np.ones(1200, bool), folds, seed=0)
+    assert np.sqrt(np.mean((hat - y) ** 2)) < 0.3 * y.std()
+    # Rows of no fold are neither learnt from nor predicted.
+    folds[:300] = -1
+    wrong = np.where(folds < 0, -y, y)
+    hat = _trees(x, wrong, np.ones(1200, bool), folds, seed=0)
+    np.testing.assert_array_equal(hat[:300], 0.0)
+    assert np.sqrt(np.mean((hat - y)[300:] ** 2)) < 0.3 * y.std()
+
+
+def test_friction_of_a_urdf_that_makes_the_training_error_larger_is_told_and_other_is_not():
+    true = Effect("viscous_friction", ("shoulder",), {"viscous_coefficient": 3.0})
+    train, _ = excitations(arm(), [true], train=2, test=0, duration=6.0, rate=200.0)
+    runs = [process(log, arm(), ProcessSettings()) for log in train]
+    result = SimpleNamespace(model=Model(arm()), train=runs)
+    assert _worse(result, [true]) == []
+    placeholder = Effect("viscous_friction", ("shoulder",), {"viscous_coefficient": 30.0})
+    (line,) = _worse(result, [placeholder])
+    assert "shoulder" in line
+    assert "placeholder" in line
+    # Of a joint without any nothing is told, however bad.
+    assert _worse(result, [Effect("viscous_friction", ("elbow",), {"viscous_coefficient": 0.0})]) == []
+
+
+def test_a_richer_law_comes_on_top_of_the_urdfs_plainer_one_of_its_own_joint():
+    coulomb = [Effect("coulomb_friction", (j,), {"coulomb_torque": 1.5}) for j in ("shoulder", "elbow")]
+    law = Effect(
+        "stribeck_friction", ("elbow",), {"coulomb_torque": 1.0, "static_torque": 0.5, "stribeck_velocity": 0.05}
+    )
+    entry: Any = SimpleNamespace(effect=law)
+    (line,) = _beside(entry, [entry], coulomb, ())
+    assert line.startswith("stribeck_friction of elbow comes on top of the URDF's coulomb_friction of 1.5 N m")
+    changed: Any = SimpleNamespace(effect=coulomb[1])
+    assert _beside(entry, [entry, changed], coulomb, ()) == []
+    assert _beside(entry, [entry], coulomb[:1], ()) == []
