@@ -190,6 +190,20 @@ def test_standard_errors_cover_the_truth_under_autocorrelated_noise(robot: Robot
     assert np.median(independent / np.std(estimates, axis=0)) < 0.6
 
 
+def test_blocks_hold_every_row_that_counts_once_and_are_as_long_as_asked(robot: Robot) -> None:
+    t, q, dq, ddq = motion(3, 40.0)
+    tau = planted_torque(robot, q, dq, ddq) + NOISE * np.random.default_rng(1).normal(size=q.shape)
+    run = Trajectory("run", "train", t, {"q": q, "dq": dq, "ddq": ddq, "tau": tau})
+    options = {"widths": (0.0,), "min_speed": 0.02, "max_rows": 60_000, "filter_cutoff": 0.0}
+    base = LeastSquares(robot, LeastSquaresSettings(physical=False)).fit([run]).base
+    blocks = block_factors(robot, base, [run], block_seconds=2.0, **options)
+    assert len(blocks.factors) == 20
+    np.testing.assert_array_equal(blocks.rows.sum(axis=0), (np.abs(dq) >= 0.02).sum(axis=0))
+    # One re-weighting has looked at what every joint leaves.
+    once = estimate(blocks, base.size, reweightings=1)
+    np.testing.assert_allclose(once.noise, NOISE, rtol=0.05)
+
+
 def test_on_processed_data_it_is_as_good_as_the_true_model(robot: Robot) -> None:
     """Encoder steps, torque noise, one low-pass: what is left is the processing's error, for the true model as well."""
     rate, low = 500.0, scipy.signal.butter(4, 10 / 250)

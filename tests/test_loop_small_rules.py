@@ -181,3 +181,13 @@ def test_a_richer_law_comes_on_top_of_the_urdfs_plainer_one_of_its_own_joint():
     changed: Any = SimpleNamespace(effect=coulomb[1])
     assert _beside(entry, [entry, changed], coulomb, ()) == []
     assert _beside(entry, [entry], coulomb[:1], ()) == []
+
+
+def test_a_links_mass_has_a_bound_where_the_link_is_known():
+    robot, kind = arm(), family("link_mass")
+    term = Term("link_mass", 1)
+    mass = float(robot.model.inertias[2].mass)
+    (bound,) = kind.lower_bounds(robot, term)
+    assert -mass < bound < -0.5 * mass
+    for known in ((None, None), (robot, None), (None, term)):
+        assert kind.lower_bounds(*known) == 0.0
