@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.signal.windows import hann
 from tests.small_arm import arm
 
@@ -19,6 +20,7 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.outliers import outlier_segments
 from hybrid_dynamics.loop.paths import _finer
 from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel, least_rows, process
+from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.simulation.excitation import excitations
 
 
@@ -129,16 +131,46 @@ def test_columns_of_a_lag_are_the_slope_of_the_torque_behind_it():
     np.testing.assert_allclose(slope(0.1, response="lag")[150:, 0], late[150:], atol=0.01)
 
 
-def test_the_floor_of_white_noise_is_as_wide_as_its_rows_are_few():
+@pytest.mark.parametrize(("memory", "colour"), [(0.0, 0.0), (0.92, 0.4)])
+def test_a_floor_is_as_wide_as_its_rows_are_few_and_remember_each_other(memory, colour):
     (log,), _ = excitations(arm(), (), train=1, test=0, duration=10.0, rate=200.0)
     run = process(log, arm(), ProcessSettings())
-    white = np.random.default_rng(5).normal(size=run.tau.shape)
-    floor = examine([run], [white], [run.mask], np.zeros(2), np.zeros(2), LoopSettings())
-    rows, rms = run.mask.sum(axis=0), np.array([white[m, j].std() for j, m in enumerate(run.mask.T)])
-    # One standard deviation of an rms of a quarter of the rows: neighbours are not counted as independent.
-    assert not floor.motion_dependent.any()
-    np.testing.assert_allclose(floor.high / rms, 1 + 1 / np.sqrt(rows / 4), rtol=0.015)
+    noise = lfilter([1.0], [1.0, -memory], np.random.default_rng(0).normal(size=run.tau.shape), axis=0)
+    floor = examine([run], [noise], [run.mask], np.zeros(2), np.zeros(2), LoopSettings())
+    rms = np.array([np.sqrt(np.mean(noise[m, j] ** 2)) for j, m in enumerate(run.mask.T)])
+    np.testing.assert_allclose(floor.autocorrelation, colour, atol=0.06)
+    # One standard deviation of an rms: of a quarter of the rows, fewer where they remember each other.
+    rows = run.mask.sum(axis=0) / 4 * (1 - floor.autocorrelation) / (1 + floor.autocorrelation)
+    np.testing.assert_allclose(floor.high / rms, 1 + 1 / np.sqrt(rows), rtol=0.015)
     np.testing.assert_array_less(floor.low, 1.05 * rms)
+    np.testing.assert_array_less(rms, 2.0 * floor.low)
+    # Colour alone, less than twice its second differences, is neither an alarm nor a doubt.
+    assert not floor.motion_dependent.any()
+    assert not floor.cannot_tell.any()
+
+
+def test_what_takes_less_than_its_share_where_it_acts_only_nibbles():
+    """Of a joint's own effect by its joint, of a robot's by all joints together, in floors."""
+
+    def nibbles(gain: list[float], joint: int | None) -> bool:
+        evidence = SimpleNamespace(
+            weights=np.array([4.0, 1.0]), acts=lambda term: np.array([True, joint is None]), robot=None
+        )
+        judge = SimpleNamespace(
+            mean_square=lambda held: np.array([3.0, 3.0]), low=np.zeros(2), floor=np.ones(2), evidence=evidence
+        )
+        after = SimpleNamespace()
+        name = "time_delay" if joint is None else "torque_ripple"
+        worth = SimpleNamespace(per_joint=np.array(gain))
+        return bool(Judge.nibbles(judge, Term(name, joint), worth, after, 0.25))
+
+    # What was left: 3 and what was gained. A quarter of 4 is 1.
+    assert not nibbles([1.01, 0.0], 0)
+    assert nibbles([0.9, 5.0], 0)
+    # Together by weight: (4 g1 + g2) against a quarter of (4 (3 + g1) + 3 + g2).
+    assert not nibbles([1.3, 0.0], None)
+    assert nibbles([0.9, 0.0], None)
+    assert nibbles([0.0, 3.0], None)
 
 
 def test_trees_predict_a_fold_from_the_others():
