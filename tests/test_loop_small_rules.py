@@ -16,9 +16,11 @@ from hybrid_dynamics.loop.boxes import _jumps
 from hybrid_dynamics.loop.contact import _spread
 from hybrid_dynamics.loop.described import _beside, _worse
 from hybrid_dynamics.loop.floor import examine
+from hybrid_dynamics.loop.further import further_beside
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.outliers import outlier_segments
 from hybrid_dynamics.loop.paths import _finer
+from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel, least_rows, process
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.simulation.excitation import excitations
@@ -223,3 +225,13 @@ def test_a_links_mass_has_a_bound_where_the_link_is_known():
     assert -mass < bound < -0.5 * mass
     for known in ((None, None), (robot, None), (None, term)):
         assert kind.lower_bounds(*known) == 0.0
+
+
+def test_what_a_name_may_stand_for_is_asked_of_its_joint_and_of_all_together():
+    train, test = excitations(arm(), (), train=2, test=1, duration=6.0, rate=200.0)
+    judge, _, _ = gather(Model(arm()), read_motion(arm(), train, test, LoopSettings()), LoopSettings())
+    _, asked = further_beside(judge, [Term("viscous_friction", 1)])
+    assert {t.joint for t in asked} == {None, 1}
+    assert "time_delay" in {t.effect for t in asked if t.joint is None}
+    assert "torque_gain" in {t.effect for t in asked if t.joint == 1}
+    assert further_beside(judge, []) == (judge, [])
