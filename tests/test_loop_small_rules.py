@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from scipy.signal.windows import hann
 from tests.small_arm import arm
 
-from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects import Effect, Term, family, predict
 from hybrid_dynamics.loop import LoopSettings
 from hybrid_dynamics.loop.blackbox import _trees
 from hybrid_dynamics.loop.boxes import _jumps
@@ -235,3 +235,22 @@ def test_what_a_name_may_stand_for_is_asked_of_its_joint_and_of_all_together():
     assert "time_delay" in {t.effect for t in asked if t.joint is None}
     assert "torque_gain" in {t.effect for t in asked if t.joint == 1}
     assert further_beside(judge, []) == (judge, [])
+
+
+@pytest.mark.parametrize(("which", "turning"), [("partner", -0.8), ("sum", -0.3), ("difference", 1.3)])
+def test_a_coupling_brakes_by_the_partners_speed_and_by_the_sign_that_turns_over(which, turning):
+    robot, ddq = arm(), np.array([[0.7, -0.4]])
+    q, dq = np.array([[0.3, -0.2]]), np.array([[-0.8, 0.5]])
+    bare = robot.inverse_dynamics(q, dq, ddq)
+
+    def of(**numbers: float) -> float:
+        settings = {"from_joint": "shoulder", "rows": "own", "sign_of": which}
+        parameters = dict.fromkeys(("viscous_coefficient", "coulomb_torque", "armature"), 0.0) | numbers
+        coupled = Effect("joint_coupling", ("elbow",), parameters, settings)
+        added = predict(robot, [coupled], q, dq, ddq, np.zeros(1)) - bare
+        assert added[0, 0] == pytest.approx(0.0, abs=1e-9)
+        return float(added[0, 1])
+
+    assert of(viscous_coefficient=2.0) == pytest.approx(-1.6)
+    assert of(coulomb_torque=3.0) == pytest.approx(3.0 * np.sign(turning))
+    assert of(armature=0.5) == pytest.approx(0.35)
