@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hybrid_dynamics.check import checked
-from hybrid_dynamics.check.columns import Columns, columns_of, standing
+from hybrid_dynamics.check.columns import Columns, columns_of, of_each, standing
 from hybrid_dynamics.check.delay import find_delay
 from hybrid_dynamics.check.forms import Forms
 from hybrid_dynamics.check.guess import Guess
@@ -397,10 +397,10 @@ def test_what_no_run_explains_accuses_no_single_run():
         logs.append(run.with_signals(q=q, tau=tau))
     gravity = standing(ur10)
     assert ("warning", "torque_sign", "wrist_2_joint") in told(ur10, logs[0])
-    assert outvoted(ur10, logs, gravity) == []
+    assert outvoted(ur10, of_each(ur10, logs), gravity) == []
     # Another joint that is wrong in one run brings that run into doubt, and that joint alone.
     turned = logs[0].with_signals(tau=logs[0]["tau"] * np.where(np.arange(6) == 1, -1, 1))
-    assert [(run.name, joints) for run, joints in outvoted(ur10, [turned, *logs[1:]], gravity)] == [
+    assert [(run.name, joints) for run, joints in outvoted(ur10, of_each(ur10, [turned, *logs[1:]]), gravity)] == [
         ("run_0", ["shoulder_lift_joint"])
     ]
     with pytest.raises(InputError, match="run run_0: joint shoulder_lift_joint: the measured torque") as told_so:
@@ -412,7 +412,7 @@ def test_what_no_run_explains_accuses_no_single_run():
         (run.name, joints)
         for run, joints in outvoted(
             ur10,
-            [logs[0], *(excitation(ur10, rough, name=n, duration=16.0, rate=200.0) for n in "ab")],
+            of_each(ur10, [logs[0], *(excitation(ur10, rough, name=n, duration=16.0, rate=200.0) for n in "ab")]),
             gravity,
         )
     ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hybrid_dynamics.check.columns import of_each, standing
 from hybrid_dynamics.check.completed import Completed, body_of
 from hybrid_dynamics.check.content import check_rate
 from hybrid_dynamics.check.duplicates import check_duplicates
@@ -71,13 +72,15 @@ def checked(
     findings += check_angles(body, mended)
     if any(f.severity == "hard" for f in findings):
         _stop(findings, refuse)
-        return Checked(tuple(mended[: len(train)]), tuple(mended[len(train) :]), tuple(ordered(findings)), _level(body))
+        return Checked(
+            tuple(mended[: len(train)]), tuple(mended[len(train) :]), tuple(ordered(findings)), standing(body)
+        )
     first, second = mended[: len(train)], mended[len(train) :]
     findings += check_duplicates(first, second)
     findings += check_rate(first)
     findings += [f for f in check_rate(second) if f.code != "too_short"]
     findings += check_limits(body, mended)
-    gravity = _level(body)
+    gravity = standing(body)
     for part in (first, second):
         if not part:
             continue
@@ -172,17 +175,22 @@ def _not_finite(runs: Sequence[Trajectory]) -> list[Finding]:
 
 
 def _torque(model: Robot | Completed, runs: Sequence[Trajectory], fixed: bool = False) -> tuple[list[Finding], Array]:
-    """All runs together, then those alone that the others may have outvoted."""
+    """All runs together, then those alone that the others may have outvoted, or that hold no weight among others."""
+    body = body_of(model)
     findings, gravity = check_torque(model, runs, fixed)
     if len(runs) > 1 and not any(f.severity == "hard" for f in findings):
-        for run, joints in outvoted(model, runs, gravity):
+        seen = of_each(model, runs)
+        voted = {run.name: joints for run, joints in outvoted(body, seen, gravity)}
+        light = {run.name for run in without_weight(seen, standing(body))}
+        for run in (run for run in runs if run.name in voted or run.name in light):
             alone, _ = check_torque(model, [run], fixed)
-            of_it = (f for f in alone if f.severity == "hard" and f.joint in ("", *joints))
+            accused = ("", *voted[run.name]) if run.name in voted else ()
+            of_it = (
+                f
+                for f in alone
+                if (f.severity == "hard" and f.joint in accused) or (f.code == "torque_weight" and run.name in light)
+            )
             findings += [replace(f, run=run.name) for f in of_it]
-        told = {f.run for f in findings if f.code == "torque_weight"}
-        for run in without_weight(model, runs):
-            alone, _ = check_torque(model, [run], fixed) if run.name not in told else ([], gravity)
-            findings += [replace(f, run=run.name) for f in alone if f.code == "torque_weight"]
     return findings, gravity
 
 
@@ -198,10 +206,6 @@ def _of_held_signals(finding: Finding, runs: Sequence[Trajectory]) -> Finding:
 
 def _without_velocity(run: Trajectory) -> Trajectory:
     return replace(run, signals={s: x for s, x in run.signals.items() if s != "dq"})
-
-
-def _level(robot: Robot) -> Array:
-    return np.asarray(robot.model.gravity.linear, float).copy()
 
 
 def _once(findings: Sequence[Finding]) -> list[Finding]:

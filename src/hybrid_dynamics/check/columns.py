@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hybrid_dynamics.check.completed import Completed, beside_body, body_of
+from hybrid_dynamics.check.completed import Completed, beside_body, body_of, true_stretches
 from hybrid_dynamics.check.samples import Stretch, direction
 from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
 GRAVITY = 9.81
@@ -39,6 +40,16 @@ class Columns:
     def free(self, j: int) -> Array:
         """(K, 4) columns of joint ``j`` that a rigid body does not determine: friction, rotor, offset."""
         return np.column_stack([self.dq[:, j], self.sign[:, j], self.ddq[:, j], np.ones(len(self.dq))])
+
+
+#: A run and its columns alone.
+OfRun = tuple[Trajectory, Columns]
+
+
+def of_each(model: Robot | Completed, runs: Sequence[Trajectory]) -> list[OfRun]:
+    """Those of ``runs`` that have something to look at, each with its own columns."""
+    parted = ((run, true_stretches(model, [run])) for run in runs)
+    return [(run, columns_of(model, parts)) for run, parts in parted if parts]
 
 
 def columns_of(

@@ -60,6 +60,12 @@ class Guess:
     price: float
 
     @property
+    def reads_as_told(self) -> bool:
+        """Whether columns, signs and clock of the log are taken as it says; the base may stand otherwise."""
+        in_place = self.source == tuple(range(len(self.source))) and min(self.sign) > 0
+        return in_place and self.swap is None and self.mirror is None and self.pace == 1.0
+
+    @property
     def total(self) -> float:
         """Score of all joints together, with the price of the guess."""
         return sum(self.scores) + self.price

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_dynamics.check.columns import Columns, columns_of, standing
+from hybrid_dynamics.check.columns import Columns, OfRun, columns_of, standing
 from hybrid_dynamics.check.completed import Completed, body_of, true_stretches
 from hybrid_dynamics.check.convention import check_convention
 from hybrid_dynamics.check.cures import turned
@@ -87,7 +86,7 @@ def check_torque(
         best = told
     as_good = best is not told and best.total <= forms.total(np.zeros(3)) + MOUNTING
     # Columns that are exchanged, say, hold no weight of their own joints either.
-    otherwise = as_good and replace(best, gravity=told.gravity, scores=told.scores, price=told.price) != told
+    otherwise = as_good and not best.reads_as_told
     weight = [] if otherwise else check_weight(columns, gravity, tilted=as_good)
     if any(f.severity == "hard" for f in weight):
         # Without it every other reading is of another robot.
@@ -119,23 +118,18 @@ def check_torque(
     return findings, best.gravity
 
 
-def outvoted(
-    model: Robot | Completed, runs: Sequence[Trajectory], gravity: Array
-) -> list[tuple[Trajectory, list[str]]]:
+def outvoted(robot: Robot, runs: Sequence[OfRun], gravity: Array) -> list[tuple[Trajectory, list[str]]]:
     """Runs in which some joints' torque is explained far worse than in the other runs, each with these joints.
 
     A joint that no run explains says nothing about one of them: what looks like its torque turned round there is what
     the model lacks.
     """
-    names = np.array(body_of(model).joint_names)
-    seen = [(run, parts) for run in runs if (parts := true_stretches(model, [run]))]
-    left = np.array(
-        [[f.fit(j, gravity).left for j in range(f.n)] for f in (Forms(columns_of(model, p)) for _, p in seen)]
-    )
+    names = np.array(robot.joint_names)
+    left = np.array([[f.fit(j, gravity).left for j in range(f.n)] for f in (Forms(own) for _, own in runs)])
     if len(left) < 2:
-        return [(run, list(names)) for run, _ in seen]
+        return [(run, list(names)) for run, _ in runs]
     worse = left - left.min(axis=0) > OUTVOTED
-    return [(run, list(names[own])) for (run, _), own in zip(seen, worse, strict=True) if own.any()]
+    return [(run, list(names[own])) for (run, _), own in zip(runs, worse, strict=True) if own.any()]
 
 
 def _holds(told: Guess, best: Guess) -> bool:

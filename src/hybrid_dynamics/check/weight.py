@@ -13,10 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hybrid_dynamics.check.columns import Columns, columns_of, standing
-from hybrid_dynamics.check.completed import Completed, body_of, true_stretches
+from hybrid_dynamics.check.columns import Columns, OfRun
 from hybrid_dynamics.check.findings import Finding
-from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
@@ -131,11 +129,9 @@ def check_weight(columns: Columns, gravity: Array, tilted: bool = False) -> list
     return []
 
 
-def without_weight(model: Robot | Completed, runs: Sequence[Trajectory]) -> list[Trajectory]:
+def without_weight(runs: Sequence[OfRun], gravity: Array) -> list[Trajectory]:
     """Those of ``runs`` that, each alone, hold no weight: among others that do, it is neither here nor there."""
-    seen = [(run, parts) for run in runs if (parts := true_stretches(model, [run]))]
-    gravity = standing(body_of(model))
-    found = [(run, weigh(columns_of(model, parts), gravity)) for run, parts in seen]
+    found = ((run, weigh(columns, gravity)) for run, columns in runs)
     return [run for run, weighed in found if weighed is not None and weighed.weightless]
 
 

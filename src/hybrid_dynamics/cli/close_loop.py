@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_dynamics.cli.console import Console
-from hybrid_dynamics.cli.options import LOG_HELP, add_command, add_log_form, add_robot, command_line, log_form
+from hybrid_dynamics.cli.options import (
+    LOG_HELP,
+    add_command,
+    add_log_form,
+    add_robot,
+    add_settings,
+    command_line,
+    log_form,
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -50,14 +58,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--ignore-dynamics", action="store_true", help="leave the URDF's <dynamics> out of the starting model"
     )
-    parser.add_argument(
-        "--set",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="NAME=VALUE",
-        help="settings, such as sign_widths=[0,0.05] or block=1",
-    )
+    add_settings(parser)
 
 
 def run(args: argparse.Namespace) -> int:

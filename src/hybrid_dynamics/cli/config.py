@@ -75,11 +75,12 @@ def _tokens(path: str, command: argparse.ArgumentParser, given: Sequence[str]) -
     }
     out: list[str] = []
     for key, value in values.items():
-        action = options.get(str(key).replace("_", "-"))
-        if action is None:
+        name = str(key).replace("_", "-")
+        if name not in options:
             raise ConfigError(f"{path}: option {key!r} is unknown; known are {', '.join(sorted(options))}")
-        tokens = _option(path, str(key).replace("_", "-"), value, action)
-        out += tokens if str(key).replace("_", "-") not in given else []
+        # What the file says is looked at also where the command line says it, too.
+        tokens = _option(path, name, value, options[name])
+        out += [] if name in given else tokens
     return out
 
 

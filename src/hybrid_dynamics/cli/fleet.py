@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hybrid_dynamics.cli.console import Console
-from hybrid_dynamics.cli.options import add_command, add_log_form, log_form
+from hybrid_dynamics.cli.options import add_command, add_log_form, add_settings, log_form
 
 if TYPE_CHECKING:
     from hybrid_dynamics.fleet import FleetResult
@@ -42,14 +42,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--part", default="1/1", metavar="K/M", help="only the K-th of every M rows, without tables (batch systems)"
     )
-    parser.add_argument(
-        "--set",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="NAME=VALUE",
-        help="settings, such as sign_widths=[0,0.05] or block=1",
-    )
+    add_settings(parser)
     parser.add_argument(
         "--force", action="store_true", help="put the results into --out also where it holds other files"
     )

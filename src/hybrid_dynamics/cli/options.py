@@ -90,6 +90,18 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """``--set``: settings of the loop by name."""
+    parser.add_argument(
+        "--set",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=VALUE",
+        help="settings, such as sign_widths=[0,0.05] or block=1",
+    )
+
+
 def add_log_form(parser: argparse.ArgumentParser) -> None:
     """``--log``, ``--columns``, ``--units``, ``--torque``: how logs in another form are read."""
     group = parser.add_argument_group("logs in another form (docs/logs.md)")

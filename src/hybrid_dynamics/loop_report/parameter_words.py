@@ -69,8 +69,7 @@ def _missing(entries: Sequence[Entry], joints: Sequence[str], before: Mapping[st
         values += settings_words(entry)
         return f"{place(entry)}: {', '.join(values)}" if values else place(entry)
     places = list(dict.fromkeys(entry["joints"][0] for entry in entries if entry["joints"]))
-    ranges = _ranges(entries)
-    values = [f"{_named(entries[0], key)}{_range(own)}" for key, own in ranges.items()] + _open_mass(entries)
+    values = [f"{_named(entries[0], key)}{own}" for key, own in _values(entries).items()] + _open_mass(entries)
     phrase = title_of(entries[0]["effect"]) + (f" on {where(places, joints)}" if places else "")
     return f"{phrase}: {', '.join(values)}" if values else phrase
 
@@ -121,12 +120,12 @@ def single_words(entry: Entry) -> str:
 
 def several_words(entries: Sequence[Entry], places: str) -> str:
     """The same effect on several joints: ``Coulomb friction 2.7 and 8.5 N m on a, b``; on many, ranges."""
-    ranges = _ranges(entries)
+    own = _values(entries)
     name = title_of(entries[0]["effect"])
     extra = _open_mass(entries)
-    if len(ranges) == 1 and not extra:
-        return f"{name} {_range(next(iter(ranges.values())))}{places}"
-    values = ", ".join([f"{title_of(key)} {_range(own)}" for key, own in ranges.items()] + extra)
+    if len(own) == 1 and not extra:
+        return f"{name} {next(iter(own.values()))}{places}"
+    values = ", ".join([f"{title_of(key)} {words}" for key, words in own.items()] + extra)
     return f"{name}{places} ({values})" if values else f"{name}{places}"
 
 
@@ -207,17 +206,18 @@ def _shown(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _ranges(entries: Sequence[Entry]) -> dict[str, list[Mapping[str, Any]]]:
-    """Parameters that matter, by name, over several entries of one effect; ``listed``: each of few joints has one."""
+def _values(entries: Sequence[Entry]) -> dict[str, str]:
+    """Parameters that matter over several entries of one effect, in words by name: where each of few joints has one, in
+    the order of the joints, else between which they lie."""
     out: dict[str, list[Mapping[str, Any]]] = {}
-    places = {entry["joints"][0] for entry in entries if entry["joints"]}
-    few = len(places) == len(entries) <= FEW
     for entry in entries:
         for p in matter(entry):
             if _is_open_mass(entry, p):
                 continue
             out.setdefault(p["name"], []).append({**p, "ends": ends_of(entry, p)})
-    return {name: [{**p, "listed": few and len(own) == len(entries)} for p in own] for name, own in out.items()}
+    places = {entry["joints"][0] for entry in entries if entry["joints"]}
+    few = len(places) == len(entries) <= FEW
+    return {name: _each(own) if few and len(own) == len(entries) else _range(own) for name, own in out.items()}
 
 
 def _value(entry: Entry, p: Mapping[str, Any]) -> str:
@@ -227,13 +227,14 @@ def _value(entry: Entry, p: Mapping[str, Any]) -> str:
     return f"{p['value']:.3g}{tail}" + (f" (URDF: {ends['urdf']:.3g})" if ends else "")
 
 
+def _each(parameters: Sequence[Mapping[str, Any]]) -> str:
+    values = [arrow(p["ends"], 3) if "start" in p["ends"] else f"{p['value']:.3g}" for p in parameters]
+    before = [f"{p['ends']['urdf']:.3g}" for p in parameters if "urdf" in p["ends"]]
+    told = f"{listed(values)}{_tail(parameters[0]['unit'])}"
+    return f"{told} (URDF: {listed(before)})" if len(before) == len(values) else told
+
+
 def _range(parameters: Sequence[Mapping[str, Any]]) -> str:
-    """The values in the order of their joints, where these stand beside them; else between which they lie."""
-    if all(p["listed"] for p in parameters):
-        values = [arrow(p["ends"], 3) if "start" in p["ends"] else f"{p['value']:.3g}" for p in parameters]
-        before = [f"{p['ends']['urdf']:.3g}" for p in parameters if "urdf" in p["ends"]]
-        told = f"{listed(values)}{_tail(parameters[0]['unit'])}"
-        return f"{told} (URDF: {listed(before)})" if len(before) == len(values) else told
     own = f"{_span([p['value'] for p in parameters])}{_tail(parameters[0]['unit'])}"
     if any("start" in p["ends"] for p in parameters):
         return f"changed by {own}"
