@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
+import pinocchio as pin
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
@@ -130,6 +135,38 @@ def test_locking_comes_before_the_checks_of_what_moves(tmp_path):
 def test_a_bad_inertia_that_never_moves_does_not_matter(tmp_path):
     based = urdf(*CHAIN).replace('<link name="base"/>', link("base", moments=(0.1, 0.1, 0.5)))
     assert Robot.from_urdf(write(tmp_path, based)).n_joints == 2
+
+
+ANGLES = st.tuples(*[st.floats(-3, 3)] * 3)
+
+
+@given(ANGLES, ANGLES, st.floats(1.1, 50.0), st.floats(0.01, 1.0), st.booleans())
+def test_an_inertia_that_no_body_has_is_told_with_one_that_a_body_can_have(rpy, turned, excess, flat, loaded):
+    # Principal moments 1 : flat : excess * (1 + flat), turned in the frame of an <inertial> that is itself turned.
+    axes = pin.rpy.rpyToMatrix(np.array(turned))
+    moments = 0.01 * np.array([1.0, flat, excess * (1 + flat)])
+    given = axes @ np.diag(moments) @ axes.T
+    entries = {f"i{a}{b}": given["xyz".index(a), "xyz".index(b)] for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
+    inertia = "<inertia " + " ".join(f'{key}="{float(value)!r}"' for key, value in entries.items()) + "/>"
+    origin = f'<origin xyz="0 0 -0.3" rpy="{rpy[0]} {rpy[1]} {rpy[2]}"/>'
+    own = f'<link name="a"><inertial>{origin}<mass value="1"/>{inertia}</inertial></link>'
+    tool = (link("tool", 1e-3, (1e-7, 1e-7, 1e-7)), joint("mount", "a", "tool", "fixed", "")) if loaded else ()
+    text = urdf(own, joint("first", "base", "a"), *tool)
+    with pytest.raises(InputError, match="no body has them") as refused:
+        Robot.from_text(text, "r.urdf")
+    told = re.search(r"for instance to (ixx=.*)$", str(refused.value))
+    assert told is not None
+    mended = Robot.from_text(text.replace(inertia, f"<inertia {told[1]}/>"), "r.urdf").model.inertias[1]
+    # What a body can have of it stays: its largest moment, to the four digits of the message; 1 g half a metre off.
+    largest = np.linalg.eigvalsh(mended.inertia)[-1]
+    assert largest == pytest.approx(moments[-1], rel=2e-3, abs=1.1e-3 * 0.5**2 if loaded else None)
+
+
+def test_where_a_link_has_no_inertia_of_its_own_none_is_told_for_it():
+    tool = link("tool", moments=(0.1, 0.1, 0.5))
+    text = urdf('<link name="a"/>', joint("first", "base", "a"), tool, joint("mount", "a", "tool", "fixed", ""))
+    with pytest.raises(InputError, match=r"link a, with what is fixed to it, .*correct its <inertia>$"):
+        Robot.from_text(text, "r.urdf")
 
 
 @pytest.fixture

@@ -241,9 +241,29 @@ def _check_bodies(model: pin.Model, root: ET.Element, origin: str) -> None:
         # Point masses have moments of zero.
         if low + middle < high * (1 - ROUNDED) - 1e-9 or low < -1e-9 - ROUNDED * high:
             child = ends.get(model.names[i])
-            link = model.names[i] if child is None else child.get("link")
+            link = model.names[i] if child is None else child.get("link", "")
             raise InputError(
                 f"{origin}: link {link}, with what is fixed to it, has principal moments of inertia {low:.4g}, "
                 f"{middle:.4g}, {high:.4g} kg m^2: no body has them (two of them are at least the third); correct its "
-                "<inertia>"
+                f"<inertia>{_that_can_be(root, link, np.asarray(model.inertias[i].inertia))}"
             )
+
+
+def _that_can_be(root: ET.Element, link: str, whole: Array) -> str:
+    """An <inertia> of ``link``, for a message, with which its body (inertia ``whole`` (3, 3) [kg m^2] in the link's
+    frame) can exist: where the mass would have a spread below zero along a principal axis, it has none."""
+    own = next((element.find("inertial") for element in root.findall("link") if element.get("name") == link), None)
+    inertia = None if own is None else own.find("inertia")
+    if own is None or inertia is None:
+        return ""
+    # Moments about two axes are sums of the spreads (second moments of the mass) along the other two.
+    moments, axes = np.linalg.eigh(whole)
+    spreads = np.maximum(moments.sum() / 2 - moments, 0.0)
+    lacking = axes @ np.diag(spreads.sum() - spreads - moments) @ axes.T
+    place = own.find("origin")
+    given = "0 0 0" if place is None else place.get("rpy", "0 0 0")
+    turned = pin.rpy.rpyToMatrix(np.array([float(angle) for angle in given.split()]))
+    change = turned.T @ lacking @ turned
+    entries = {f"i{a}{b}": ("xyz".index(a), "xyz".index(b)) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
+    words = (f'{key}="{float(inertia.get(key, "0")) + change[at]:.4g}"' for key, at in entries.items())
+    return f", for instance to {' '.join(words)}"
