@@ -172,6 +172,28 @@ def test_what_the_runs_determine_together_is_known_however_little_of_each():
     assert band[:, 0].max() < 0.1
 
 
+def test_a_speed_that_is_known_to_half_its_size_is_no_speed_below_zero():
+    """A parameter may be less sure than what keeps it above zero: its sensitivity is that of a smaller step."""
+    robot, law = two_links(), {"coulomb_torque": 0.5, "static_torque": 1.5, "stribeck_velocity": 0.1}
+
+    def correlation(error: float) -> np.ndarray:
+        errors = {"coulomb_torque": 0.1, "stribeck_velocity": error}
+        friction = Effect("stribeck_friction", ("elbow",), law, std_errors=errors)
+        runs = [process(true_run(seed=k), robot, ProcessSettings()) for k in range(2)]
+        found = correlation_of(Model(robot, (friction,)), runs, np.ones(2))
+        assert found is not None
+        return found
+
+    sure, unsure = correlation(1e-4), correlation(0.3)
+    np.testing.assert_allclose(np.diag(unsure), 1.0)
+    assert sure[0, 1] * unsure[0, 1] > 0
+    # Control: one that may be below zero takes its whole step.
+    offset = Effect("torque_offset", ("elbow",), {"offset": 0.1}, std_errors={"offset": 0.3})
+    run, nothing = true_run(), np.zeros(2)
+    band = predict(Model(robot, (offset,)), run, uncertainty=Uncertainty(nothing)).band
+    np.testing.assert_allclose(band[:, 1], 0.3, atol=1e-6)
+
+
 def test_measured_velocity_is_used():
     run = true_run()
     speed = CubicSpline(run.time, run["q"], axis=0)(run.time, 1)

@@ -82,8 +82,10 @@ def prior_covariance(evidence: Evidence, layout: Layout, normal: Array) -> Array
     precision[own, own] = np.diag(evidence.prior(layout)) + evidence.problem.alike(layout)
     scale, values, vectors = directions(normal)
     pull = vectors.T @ (scale[:, None] * precision * scale) @ vectors
-    # A direction that no sample knows at all lies below rounding in the normal matrix: the prior alone holds it.
-    size = np.where(values > ONE_DIRECTION, values, np.maximum(np.diag(pull), 1e-300))
+    # A direction that no sample knows at all lies below rounding in the normal matrix: the prior alone holds it. A
+    # nonlinear parameter has none: of a law that makes no torque nothing is known, and nothing is said.
+    held = np.where(np.diag(pull) > 0, np.diag(pull), np.inf)
+    size = np.where(values > ONE_DIRECTION, values, held)
     inverse = scale[:, None] * vectors / size
     return np.asarray(inverse @ pull @ inverse.T)
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.types import Array
@@ -23,6 +24,8 @@ _ROWS, _MOST_PARAMETERS = 5_000, 300
 #: How strongly a parameter is held at its value, in standard errors: what the runs leave open has its standard error
 #: from a prior, so there one error is about what it may differ by; what they determine must hardly notice.
 _PRIOR = 0.01
+#: Halvings of a step that leads out of what a parameter may be; after them it is at the end of that, and stays.
+_HALVINGS = 40
 
 
 @dataclass(frozen=True)
@@ -91,14 +94,33 @@ def _changes(model: Model, q: Array, dq: Array, ddq: Array, time: Array | None) 
     out = []
     for k, name in uncertain_parameters(model.effects):
         effect = model.effects[k]
-        step = effect.std_errors[name]
-        sides = []
-        for sign in (1.0, -1.0):
-            moved = replace(effect, parameters={**effect.parameters, name: effect.parameters[name] + sign * step})
-            changed = Model(model.robot, (*model.effects[:k], moved, *model.effects[k + 1 :]))
-            sides.append(changed.predict(q, dq, ddq, time))
-        out.append(0.5 * (sides[0] - sides[1]))
+        *moved, share = _moved(effect, name)
+        sides = [
+            Model(model.robot, (*model.effects[:k], other, *model.effects[k + 1 :])).predict(q, dq, ddq, time)
+            for other in moved
+        ]
+        out.append((sides[0] - sides[1]) / (2 * share))
     return out
+
+
+def _moved(effect: Effect, name: str) -> tuple[Effect, Effect, float]:
+    """``effect`` with parameter ``name`` above and below its value, and by what share of its standard error.
+
+    The share is less than one where the error is larger than what the parameter may differ by: a speed at which
+    friction falls, known to half its size only, is no speed below zero.
+    """
+    value, error = effect.parameters[name], effect.std_errors[name]
+    for halvings in range(_HALVINGS):
+        share = 0.5**halvings
+        try:
+            above, below = (
+                replace(effect, parameters={**effect.parameters, name: value + sign * share * error})
+                for sign in (1.0, -1.0)
+            )
+        except InputError:
+            continue
+        return above, below, share
+    return effect, effect, 1.0
 
 
 def uncertainty_from(value: Mapping[str, Any]) -> Uncertainty:
