@@ -117,6 +117,49 @@ def four() -> Robot:
     return Robot.from_text(f'<robot name="four"><link name="base"/>{bodies}{joints}</robot>', "four")
 
 
+def slow(effects: list[Effect], pace: float, seed: int) -> Trajectory:
+    """An excitation of :func:`four` run ``pace`` times slower, with .3 N m of noise on every joint."""
+    log = excitation(four(), [], duration=16.0, rate=200.0)
+    time, q = log.time * pace, log["q"]
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(four(), effects, q, dq, np.gradient(dq, time, axis=0), time)
+    noise = 0.3 * np.random.default_rng(seed).normal(size=q.shape)
+    return Trajectory("slow", "train", time, {"q": q, "dq": dq, "tau": tau + noise})
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_all_signs_wrong_is_one_convention_also_where_a_joint_says_nothing(seed):
+    """Some controllers publish what the joint does to the drive; an upright first joint in slow motion shows nothing of
+    it."""
+    run = slow([Effect("coulomb_friction", ("lift",), {"coulomb_torque": 1.0})], 8.0, seed)
+    assert told(four(), run) == []
+    findings, _ = check_torque(four(), [run.with_signals(tau=-run["tau"])])
+    assert [(f.severity, f.code, f.joint) for f in findings] == [("hard", "torque_sign", "")]
+    assert findings[0].suggestion == {"sign": {"tau": [-1, -1, -1, -1]}}
+    # Control: where one joint that shows its sign has it right, it is those that are turned round.
+    turned = run.with_signals(tau=run["tau"] * np.array([1, -1, -1, 1]))
+    assert {f.joint for f in check_torque(four(), [turned])[0]} == {"lift", "elbow"}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_joint_that_is_not_that_of_its_links_hides_no_wall(seed):
+    """A wrist's friction says nothing of how the base stands, and on the wall no rotor stands for the weight."""
+    leaning = four()
+    leaning.model.gravity.linear = np.array([9.81, 0.0, 0.0])
+    log = excitation(four(), [], duration=16.0, rate=200.0)
+    time, q = log.time * 6.0, log["q"]
+    dq = np.gradient(q, time, axis=0)
+    friction = [Effect("coulomb_friction", ("wrist",), {"coulomb_torque": 1.0})]
+    tau = predict(leaning, friction, q, dq, np.gradient(dq, time, axis=0), time)
+    rng = np.random.default_rng(seed)
+    tau = tau + 0.05 * rng.normal(size=q.shape)
+    # Of the wrist, whose links weigh little, most is of neither: it comes and goes.
+    tau[:, 3] += 2.0 * np.sin(0.2 * time + seed)
+    findings, gravity = check_torque(four(), [Trajectory("wall", "train", time, {"q": q, "dq": dq, "tau": tau})])
+    assert [(f.severity, f.code) for f in findings] == [("note", "mounting")]
+    np.testing.assert_allclose(gravity, [9.81, 0.0, 0.0], atol=0.5)
+
+
 @pytest.mark.parametrize("name", ["train_1", "train_2"])
 def test_exchanged_joints_that_other_masses_nearly_explain_are_told(name):
     hidden = [

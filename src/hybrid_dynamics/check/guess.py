@@ -66,6 +66,11 @@ class Guess:
         return in_place and self.swap is None and self.mirror is None and self.pace == 1.0
 
     @property
+    def all_turned(self) -> bool:
+        """Whether the torques of all joints, of two at least, have the wrong sign: one convention."""
+        return len(self.sign) > 1 and max(self.sign) < 0
+
+    @property
     def total(self) -> float:
         """Score of all joints together, with the price of the guess."""
         return sum(self.scores) + self.price
@@ -85,6 +90,8 @@ def best_guess(model: Robot | Completed, parts: Sequence[Stretch], forms: Forms,
     for g in gravities:
         guesses += [_assigned(forms, told, g, identity), _assigned(forms, told, g, None)]
     guesses += [_paced(forms, told, pace) for pace in PACES]
+    if n > 1:
+        guesses.append(_turned(forms, told))
     best = min(guesses, key=lambda guess: guess.total)
     if np.exp(max(best.scores)) > ASKED and n > 1:
         best = min([best, *_rearranged(model, parts, told, best)], key=lambda guess: guess.total)
@@ -130,6 +137,13 @@ def _assigned(forms: Forms, told: Guess, gravity: Array, source: tuple[int, ...]
     price = SIGN * flipped + PLACE * moved + (0.0 if gravity is told.gravity else MOUNTING)
     scores = tuple(cost[j, source[j]] - SIGN * (signs[j] < 0) for j in range(n))
     return replace(told, gravity=gravity, sign=signs, source=source, scores=scores, price=price)
+
+
+def _turned(forms: Forms, told: Guess) -> Guess:
+    """All torques turned round: what the joint does to the drive, as some controllers publish it. That is one
+    convention and not a wrong sign for every joint; it costs what two do."""
+    scores = tuple(forms.fit(j, told.gravity, j, -1).score for j in range(forms.n))
+    return replace(told, sign=(-1,) * forms.n, scores=scores, price=2 * SIGN)
 
 
 def _paced(forms: Forms, told: Guess, pace: float) -> Guess:

@@ -22,6 +22,7 @@ from hybrid_dynamics.check.guess import (
     MOUNTING,
     SAME_MOUNTING,
     SETTLED,
+    SIGN,
     UNEXPLAINED,
     Guess,
     angle,
@@ -139,7 +140,10 @@ def _holds(told: Guess, best: Guess) -> bool:
     gained = [j for j in _changed(told, best) if best.scores[j] < told.scores[j]]
     # Where columns change places, each must be at home where it goes: one that says nothing has no place.
     moved = [j for j, k in enumerate(best.source) if j != k]
-    return bool(gained) and all(left_of(best.scores[j]) < EXPLAINED for j in {*gained, *moved})
+    open_still = [j for j in {*gained, *moved} if left_of(best.scores[j]) >= EXPLAINED]
+    # Of how the base stands, or whose torque is published, a joint whose torque is not that of its links says nothing.
+    whole = best.reads_as_told or best.all_turned
+    return bool(gained) and (2 * len(open_still) < len(gained) if whole else not open_still)
 
 
 def _changed(told: Guess, best: Guess) -> list[int]:
@@ -175,24 +179,25 @@ def _signs(robot: Robot, told: Guess, best: Guess, columns: Columns, forms: Form
         # What is not certain is no clear cure: nothing is turned round unasked.
         return [Finding("position_sign", severity, text, joint=names[j], suggestion={} if doubtful else cure)]
     flipped = [j for j, s in enumerate(best.sign) if s < 0]
-    if len(flipped) > 1 and len(flipped) == len(names):
-        return [
-            Finding(
-                "torque_sign",
-                "hard",
-                f"the measured torque of every joint has the wrong sign ({shares_of(told, best, flipped)}); no "
-                "direction of gravity and no order of the joints explains it better; expected the torque the drive "
-                "delivers, positive along the joint axis: flip its sign",
-                suggestion=turned(len(names), flipped, ["tau"]),
-            )
-        ]
     shown = {
         j: _shows_its_sign(columns, forms, best, j)
         and not _pulled(columns, q, told, best, j)
         and not _heavy(robot, columns, q, told, best, j)
         for j in flipped
     }
-    return [_one_sign(names, told, best, j, shown[j]) for j in flipped]
+    each = [_one_sign(names, told, best, j, shown[j]) for j in flipped]
+    if not best.all_turned:
+        return each
+    gains = [told.scores[j] - best.scores[j] for j in flipped]
+    certain = min(gains) > SIGN or any(f.severity == "hard" for f in each)
+    asked = [j for j, gain in zip(flipped, gains, strict=True) if gain > CHANGED] or flipped
+    text = (
+        f"the measured torque of every joint {'has' if certain else 'may have'} the wrong sign "
+        f"({shares_of(told, best, asked)}); no direction of gravity and no order of the joints explains it better; "
+        "expected the torque the drive delivers, positive along the joint axis: flip its sign"
+    )
+    cure = turned(len(names), flipped, ["tau"]) if certain else {}
+    return [Finding("torque_sign", "hard" if certain else "warning", text, suggestion=cure)]
 
 
 def _pulled(columns: Columns, q: Array, told: Guess, best: Guess, j: int) -> bool:
@@ -285,7 +290,8 @@ def _rotors(robot: Robot, parts: Sequence[Stretch], forms: Forms, best: Guess) -
         with_rotor = forms.fit(j, best.gravity, best.source[j], best.sign[j])
         without = forms.fit(j, best.gravity, best.source[j], best.sign[j], rotor=False)
         rotor = float(with_rotor.coefficients[3])
-        if rotor > HEAVIEST * own[j] and without.score - with_rotor.score > 0.1:
+        # A joint that is not explained so either lacks something else.
+        if with_rotor.left < UNEXPLAINED and rotor > HEAVIEST * own[j] and without.score - with_rotor.score > 0.1:
             times = rotor / max(float(own[j]), 1e-300)
             scale = 10 ** max(round(float(np.log10(times)) / 2), 1)
             # One clock drives all joints.
