@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from tests.small_arm import arm, noisy_log
 
-from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.effects import Effect, family, gravity_tilt, predict
 from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close, close_loop
+from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.mounting import as_found, as_mounted, turned_by
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
@@ -74,3 +77,61 @@ def test_a_base_is_turned_only_where_a_tilt_may_be_named_and_nothing_else_feigns
     assert [t.effect for t in turned_by(start, turned)] == ["gravity_tilt"]
     assert as_mounted(start, ramp, LoopSettings()) is start
     assert as_mounted(start, wall, LoopSettings(effects=("viscous_friction",))) is start
+
+
+def _along(pitch: float) -> np.ndarray:
+    """Gravity (3,) in the frame of a base that is turned by ``pitch`` [rad]."""
+    return 9.81 * np.array([np.sin(pitch), 0.0, -np.cos(pitch)])
+
+
+@pytest.mark.parametrize(("off", "upright"), [(0.0, True), (3.0, True), (-4.0, True), (8.0, False), (-20.0, False)])
+def test_a_wall_is_upright_unless_gravity_is_found_far_from_it(off: float, upright: bool) -> None:
+    found = _along(np.pi / 2 + np.deg2rad(off))
+    turned = as_mounted(Model(ROBOT), found, LoopSettings())
+    expected = _along(np.pi / 2) if upright else found
+    np.testing.assert_allclose(turned.completed_robot.model.gravity.linear, expected, atol=1e-9)
+
+
+def test_a_tilt_that_a_search_held_to_the_wall_found_all_the_same_is_searched_from_there() -> None:
+    start = Model(ROBOT)
+    wall = as_mounted(start, _along(np.pi / 2), LoopSettings())
+    assert as_found(start, wall, [_tilted(np.pi / 2 - np.deg2rad(1.0))]) is None
+    leaning = as_found(start, wall, [_tilted(np.pi / 2 - np.deg2rad(3.0))])
+    assert leaning is not None
+    gravity = leaning.completed_robot.model.gravity.linear
+    np.testing.assert_allclose(gravity, _along(np.pi / 2 - np.deg2rad(3.0)), atol=1e-9)
+
+
+def test_only_a_base_on_a_wall_or_a_ceiling_is_held_to_it() -> None:
+    (term,) = family("gravity_tilt").terms(ROBOT, np.ones(2, bool), {})
+    for pitch, held in ((0.0, False), (np.pi / 2, True), (-np.pi / 2, True), (np.pi, True), (1.2, False)):
+        robot = ROBOT.copy()
+        robot.model.gravity.linear = _along(pitch).round(12)
+        assert (term.prior_scale(robot)[0] < 0.1) == held
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_in_few_poses_links_that_weigh_otherwise_do_not_turn_the_wall(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of joints that hardly move a tilt and the first moments of the links make one torque: the tilt is open by what
+    they may weigh otherwise, and by no more than a wall may lean where it is held to that."""
+
+    def error(train: Trajectory) -> float:
+        """Standard error [rad] of the angle of the base, all links identified with it."""
+        settings = LoopSettings(effects=("gravity_tilt", "inertial_parameters"))
+        start = as_mounted(Model(ROBOT), _along(np.pi / 2), settings)
+        judge, terms, _ = gather(start, read_motion(start.completed_robot, [train], [], settings), settings)
+        chosen = [next(t for t in terms if t.effect == name) for name in settings.effects or ()]
+        (tilt, *_) = refit(judge.adding(chosen).evidence, chosen).model().effects[len(start.effects) :]
+        return tilt.std_errors["pitch"]
+
+    whole = noisy_log([], seed, "train", 0.0)
+    q = 0.3 + 0.15 * whole["q"]
+    dq = np.gradient(q, whole.time, axis=0)
+    tau = predict(ROBOT, [_tilted(np.pi / 2), WRONG[0]], q, dq, np.gradient(dq, whole.time, axis=0), whole.time)
+    noise = NOISE * np.random.default_rng(seed).normal(size=q.shape)
+    few = Trajectory("few", "train", whole.time, {"q": q, "dq": dq, "tau": tau + noise})
+    assert error(few) < 1.2 * gravity_tilt.UPRIGHT
+    monkeypatch.setattr(gravity_tilt, "UPRIGHT", 0.5)
+    assert error(few) > np.deg2rad(2.0)

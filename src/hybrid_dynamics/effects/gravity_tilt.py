@@ -17,6 +17,9 @@ from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
+#: A wall and a ceiling are upright to this angle [rad].
+UPRIGHT = np.deg2rad(0.5)
+
 
 def base_rotation(roll: float, pitch: float) -> Array:
     """Ry(pitch) Rx(roll)."""
@@ -76,7 +79,11 @@ class GravityTilt(Family):
         return out
 
     def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
-        return np.full(3, 5.0)
+        own = np.zeros(3) if robot is None else np.asarray(robot.model.gravity.linear)
+        size = float(np.linalg.norm(own))
+        # A base that the search has put on a wall or under a ceiling; of one on the floor anything may be found.
+        turned = size > 0 and np.max(np.abs(own)) > size * (1 - 1e-12) and own[2] >= -0.5 * size
+        return np.full(3, UPRIGHT * size if turned else 5.0)
 
     def surface(self, x: Array, robot: Robot, term: Term) -> tuple[Array, float]:
         # Gravity turns and keeps its size: a size of its own would be a gain that no angle can publish.
@@ -87,6 +94,16 @@ class GravityTilt(Family):
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         roll, pitch = base_angles(np.asarray(robot.model.gravity.linear) + x)
         return {"roll": roll, "pitch": pitch}
+
+    def jacobian(self, x: Array, robot: Robot, term: Term) -> Array:
+        # By hand: of a base on a wall along x the pitch is at its end and roll turns nothing. The pitch has its slope
+        # there all the same; that of roll grows until a wall's own uncertainty leaves it open all the way round.
+        gravity = np.asarray(robot.model.gravity.linear) + x
+        roll, pitch = base_angles(gravity)
+        cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+        about = max(cp, UPRIGHT / np.pi)
+        rows = np.array([[0.0, -cr / about, sr / about], [cp, sp * sr, sp * cr]])
+        return np.asarray(rows / max(float(np.linalg.norm(gravity)), 1e-300))
 
     def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
         own = np.asarray(robot.model.gravity.linear)

@@ -5,6 +5,10 @@ would do is not: columns of links, payloads and loads are those of the gravity t
 quarter turn away they are those of another robot. Where the logs show beforehand that the arm is mounted otherwise
 (:mod:`hybrid_dynamics.check`), or where the tilt that was found is large, the search (again) starts from the turned
 base. The tilt is a finding like any other, its angles those against the level.
+
+Walls and ceilings are upright to a degree, and in few poses a tilt of some degrees and the first moments of all links
+are each other's: where gravity is found near an axis of the base the search starts from along it, and the tilt is held
+to it (:data:`hybrid_dynamics.effects.gravity_tilt.UPRIGHT`). Found on a Rokae AR5 on its side.
 """
 
 from __future__ import annotations
@@ -26,6 +30,9 @@ MUCH = 0.1
 #: What the logs show beforehand, as if links weighed what they should, is a first guess: it is searched once more from
 #: where the search has left the base, unless that is as near [rad] as no pose tells.
 NEAR = 1e-3
+#: Gravity so near [rad] an axis of the base is along it, as far as is known beforehand, and as a search has found it
+#: that was held to the axis.
+ALONG, STILL_ALONG = np.deg2rad(5.0), np.deg2rad(2.0)
 
 
 def as_mounted(start: Model, gravity: Array, settings: LoopSettings) -> Model:
@@ -33,7 +40,7 @@ def as_mounted(start: Model, gravity: Array, settings: LoopSettings) -> Model:
 
     Smaller angles links of another weight could feign: there the search decides.
     """
-    tilt = mounted(gravity)
+    tilt = mounted(_upright(gravity, ALONG))
     if tilt.effect not in settings.families or angle(gravity, _gravity(start)) <= WEIGHED_WRONGLY:
         return start
     return _with(start, tilt)
@@ -42,9 +49,17 @@ def as_mounted(start: Model, gravity: Array, settings: LoopSettings) -> Model:
 def as_found(start: Model, searched: Model, found: Sequence[Effect]) -> Model | None:
     """``start`` with its base turned as the ``found`` effects have it, where that is far from ``searched``, from which
     the search began; else None."""
-    gravity = _gravity(start.adding(found))
+    gravity = _upright(_gravity(start.adding(found)), STILL_ALONG)
     limit = MUCH if searched is start else NEAR
     return _with(start, mounted(gravity)) if angle(gravity, _gravity(searched)) > limit else None
+
+
+def _upright(gravity: Array, near: float) -> Array:
+    """``gravity`` (3,), along the axis of the base that it is ``near`` [rad] to, if it is to one."""
+    axis = int(np.argmax(np.abs(gravity)))
+    along = np.zeros(3)
+    along[axis] = np.copysign(np.linalg.norm(gravity), gravity[axis])
+    return along if angle(gravity, along) <= near else gravity
 
 
 def turned_by(start: Model, searched: Model) -> list[Term]:
