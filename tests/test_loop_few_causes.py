@@ -106,6 +106,16 @@ def test_friction_and_an_offset_are_friction_that_is_rougher_one_way(seed: int) 
 
 
 @pytest.mark.parametrize("seed", range(3))
+def test_friction_that_is_rougher_one_way_makes_its_offset_itself(seed: int) -> None:
+    judge, _ = _judged(_friction(1.5, 0.5), seed=seed)
+    assert one_for_two(judge, [UNEVEN, OFFSET])[1] == [UNEVEN]
+    assert one_for_two(judge, [OFFSET, UNEVEN])[1] == [UNEVEN]
+    # Control: of another joint it is another torque.
+    shoulder = Term("torque_offset", 0)
+    assert one_for_two(judge.adding([shoulder]), [UNEVEN, shoulder])[1] == [UNEVEN, shoulder]
+
+
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("acts", [True, False])
 def test_an_offset_that_acts_at_rest_is_one(acts: bool, seed: int) -> None:
     # The same torque in motion, whichever it is.

@@ -254,3 +254,21 @@ def test_a_coupling_brakes_by_the_partners_speed_and_by_the_sign_that_turns_over
     assert of(viscous_coefficient=2.0) == pytest.approx(-1.6)
     assert of(coulomb_torque=3.0) == pytest.approx(3.0 * np.sign(turning))
     assert of(armature=0.5) == pytest.approx(0.35)
+
+
+@pytest.mark.parametrize(("which", "sign"), [("sum", 1.0), ("difference", -1.0)])
+def test_a_motor_that_sees_two_joints_brakes_both(which, sign):
+    """f (dq_j + dq_k) or f (dq_j - dq_k) in the row of j: the partner's part is f or -f, and f is no less than zero."""
+    robot = arm()
+    settings = {"from_joint": "elbow", "rows": "both", "sign_of": which}
+    parameters = {"viscous_coefficient": 0.4 * sign, "coulomb_torque": 0.2, "armature": 0.1 * sign}
+    term = Effect("joint_coupling", ("shoulder",), parameters, settings).term(robot)
+    kind = term.family()
+    x = kind.coordinates_of(parameters, robot, term)
+    assert x == pytest.approx([0.4, 0.2, 0.1])
+    assert kind.parameters_of(x, robot, term) == pytest.approx(parameters)
+    assert list(kind.lower_bounds(robot, term)) == [0.0, 0.0, 0.0]
+    # Control: what one joint does to another, without a motor that sees both, may have any sign.
+    own = Effect("joint_coupling", ("shoulder",), parameters, {**settings, "rows": "own", "sign_of": "partner"})
+    assert np.all(np.isneginf(kind.lower_bounds(robot, own.term(robot))))
+    assert kind.coordinates_of(parameters, robot, own.term(robot)) == pytest.approx(list(parameters.values()))

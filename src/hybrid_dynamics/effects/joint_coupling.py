@@ -2,7 +2,8 @@
 
 Setting ``sign_of``: s is ``partner`` dq_k, ``sum`` dq_j + dq_k or ``difference`` dq_j - dq_k. Setting ``rows``:
 ``own``, the torque acts on joint j alone; ``both``, a gear couples the two and the same law stands in both rows with
-the roles exchanged (a motor that sees the sum of two joint speeds has its friction and its rotor's inertia in both).
+the roles exchanged (a motor that sees the sum of two joint speeds has its friction and its rotor's inertia in both:
+c, d, e >= 0; one that sees the difference c, e <= 0, d >= 0).
 """
 
 from __future__ import annotations
@@ -104,10 +105,26 @@ class JointCoupling(Family):
             + parameters["armature"] * acceleration
         )
 
+    def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
+        return super().parameters_of(self._turned(x, term), robot, term)
+
+    def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
+        return self._turned(super().coordinates_of(parameters, robot, term), term)
+
+    def _turned(self, x: Array, term: Term) -> Array:
+        """Coordinates from published numbers and back: of a motor that sees the difference of two speeds those of the
+        partner's speed and acceleration are negative, f (dq_j - dq_k) in the row of j."""
+        return x * np.array([-1.0, 1.0, -1.0]) if self._shared(term) == DIFFERENCE else x
+
+    def _shared(self, term: Term) -> str:
+        """Which of both speeds the one motor sees whose friction and rotor stand in both rows; empty where none is."""
+        which = str(term.options.get(SIGN_OF, PARTNER))
+        return which if term.options.get(ROWS) == BOTH and which != PARTNER else ""
+
     def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
-        shared = term is not None and term.options.get(ROWS) == BOTH and term.options.get(SIGN_OF) != PARTNER
-        # Friction of a motor that sees both speeds opposes their sum; what one joint does to another may have any sign.
-        return np.array([-np.inf, 0.0 if shared else -np.inf, -np.inf])
+        # Friction of a motor opposes the motion that it sees and its rotor resists it: seen against both joints, none
+        # may drive. What one joint does to another may have any sign.
+        return np.full(3, 0.0 if term is not None and self._shared(term) else -np.inf)
 
     def draw_term(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Term:
         j = int(rng.integers(0, robot.n_joints - 1))

@@ -10,7 +10,6 @@ import numpy as np
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import effects_of, model_of, refit
 from hybrid_dynamics.loop.balanced import balanced
-from hybrid_dynamics.loop.beside import all_beside
 from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.contact import named as named_contacts
@@ -27,6 +26,7 @@ from hybrid_dynamics.loop.further import (
     simplify,
     simplify_bodies,
 )
+from hybrid_dynamics.loop.known import known_and_beside
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.narrow import narrowed
@@ -42,7 +42,7 @@ from hybrid_dynamics.loop.signs import choose_signs
 from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.loop.trace import LEFT, Judge, has_all_links, same_place
-from hybrid_dynamics.loop.weighing import as_left, weighed_by
+from hybrid_dynamics.loop.weighing import weighed_by
 from hybrid_dynamics.loop.widen import widened
 from hybrid_dynamics.types import Array
 
@@ -188,10 +188,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, chosen = without_noise(*complete(judge, rest, others, common))
     judge, chosen = with_rest(*one_for_two(judge, chosen))
     chosen = [*given, *(t for t in chosen if t not in given)]
-    fitted = refit(judge.adding(given).evidence, chosen)
-    judge = as_left(judge.over(fitted.evidence), chosen)
-    judge, beside = all_beside(judge, chosen, candidates, unsure)
-    judge = as_left(judge, [*chosen, *beside])
+    judge, chosen, beside = known_and_beside(judge.adding(given), chosen, candidates, unsure, given)
     fitted = refit(judge.evidence, chosen)
     return Found(chosen, fitted.x, [], steps, notes_of(unknown, judge.evidence.robot.joint_names), judge, start, beside)
 

@@ -171,7 +171,7 @@ def simplify(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -
     out = list(chosen)
     judge = judge.at(out)
     for i in [i for i, term in enumerate(out) if term.family().contains and not term.family().is_body]:
-        judge, trials = _trials(judge, out, i, candidates)
+        judge, trials = plainer_forms(judge, out, i, candidates)
         if not trials:
             continue
         evidence = judge.evidence
@@ -243,7 +243,7 @@ def simplify_bodies(judge: Judge, chosen: Sequence[Term], candidates: Sequence[T
         kind = term.family()
         if not (_cheaper_parts(judge, term) or (kind.contains and kind.is_body)):
             continue
-        judge, trials = _trials(judge, out, i, candidates)
+        judge, trials = plainer_forms(judge, out, i, candidates)
         asked = candidates if kind.all_links else None
         judge, out = first_as_good(judge, out, _best_of_each(judge, trials, i), asked)
     return judge, out
@@ -267,7 +267,9 @@ def first_as_good(
     return judge, chosen
 
 
-def _trials(judge: Judge, chosen: Sequence[Term], i: int, candidates: Sequence[Term]) -> tuple[Judge, list[list[Term]]]:
+def plainer_forms(
+    judge: Judge, chosen: Sequence[Term], i: int, candidates: Sequence[Term]
+) -> tuple[Judge, list[list[Term]]]:
     """``chosen`` with each special case of its ``i``-th term in its place; and the judge who has the columns."""
     plainer = _special_cases(judge, chosen, chosen[i], candidates)
     return judge.adding(plainer), [[*chosen[:i], c, *chosen[i + 1 :]] for c in plainer]

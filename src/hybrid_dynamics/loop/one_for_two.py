@@ -91,13 +91,20 @@ def _constant(evidence: Evidence, term: Term, x: Array) -> float:
 
 def _instead(judge: Judge, own: Sequence[Term]) -> list[tuple[Term, list[Term]]]:
     """What could stand in the place of effects ``own`` of one joint: the one, with the settings of what it holds, and
-    the others. Families with parameters to refine are no matter of the same numbers."""
+    the others. Families with parameters to refine are no matter of the same numbers.
+
+    Also of the one and a part of the others it stands by itself: two numbers of the three say all.
+    """
     out = []
     for kind in (family(name) for name in judge.settings.further):
         for alike in kind.equivalent_to:
-            two = [t for t in own if t.effect in alike.effects]
-            held = [t for t in two if t.effect in kind.contains]
-            whole = len(alike.effects) > 1 and {t.effect for t in two} == set(alike.effects)
-            if whole and len(held) == 1 and not kind.nonlinear_settings and not any(map(judge.evidence.in_base, two)):
-                out.append((Term(kind.name, held[0].joint, held[0].settings), two))
+            parts = [t for t in own if t.effect in alike.effects]
+            if len(alike.effects) < 2 or kind.nonlinear_settings or any(map(judge.evidence.in_base, parts)):
+                continue
+            already = [t for t in own if t.effect == kind.name]
+            held = [t for t in parts if t.effect in kind.contains]
+            if already and parts:
+                out.append((already[0], [*already, *parts]))
+            elif len(held) == 1 and {t.effect for t in parts} == set(alike.effects):
+                out.append((Term(kind.name, held[0].joint, held[0].settings), parts))
     return out

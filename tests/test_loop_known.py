@@ -1,0 +1,94 @@
+"""A name of whose numbers nothing is known is none: it stands beside the names, or its plain form in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from tests.small_arm import arm, noisy_log
+
+from hybrid_dynamics.effects import Effect, Term, predict
+from hybrid_dynamics.effects.base import HELD
+from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop.known import in_errors, known_and_beside
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.trajectory import Trajectory
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+NOISE = 0.05
+DRY, OFFSET, VISCOUS = (Term(name, 1) for name in ("coulomb_friction", "torque_offset", "viscous_friction"))
+
+
+def falls(velocity: float) -> Term:
+    return Term("stribeck_friction", 1, (("stribeck_velocity", velocity),))
+
+
+def one_way(effects: Sequence[Effect], seed: int) -> Trajectory:
+    """As :func:`noisy_log`, but the elbow turns one way all the time, at a speed that hardly varies."""
+    log = noisy_log([], seed, "train", 0.0)
+    rng, time = np.random.default_rng(seed), log.time
+    q = np.column_stack([log["q"][:, 0], -1.0 + 0.1 * time + 0.01 * np.sin(0.9 * time + seed)])
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(ROBOT, list(effects), q, dq, np.gradient(dq, time, axis=0), time)
+    return Trajectory(log.name, "train", time, {"q": q, "dq": dq, "tau": tau + NOISE * rng.normal(size=tau.shape)})
+
+
+def judged(train: list[Trajectory], *terms: Term) -> tuple[Judge, list[Term]]:
+    settings = LoopSettings()
+    judge, candidates, _ = gather(Model(ROBOT), read_motion(ROBOT, train, [], settings), settings)
+    return judge.adding(terms), candidates
+
+
+def dry(size: float) -> Effect:
+    return Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": size})
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_what_one_way_of_motion_cannot_tell_apart_not_both_are_names(seed: int) -> None:
+    judge, candidates = judged([one_way([dry(1.0)], seed + k) for k in (1, 2)], DRY, OFFSET, VISCOUS)
+    chosen = [DRY, OFFSET, VISCOUS]
+    judge, names, beside = known_and_beside(judge, chosen, candidates, [], [])
+    assert len(names) < len(chosen)
+    assert all(HELD in t.options and t.effect not in {n.effect for n in names if n.joint == t.joint} for t in beside)
+    # The torque stays in the model, whatever it is called.
+    left = np.sqrt(judge.mean_square(judge.evidence.held([*names, *beside], physical=True)))
+    assert left[1] < 3 * NOISE
+    # Control: of a joint that moves both ways each is known.
+    both = [
+        noisy_log([dry(1.0), Effect("torque_offset", (ELBOW,), {"offset": 0.5})], k, "train", NOISE) for k in (1, 2)
+    ]
+    judge, candidates = judged(both, DRY, OFFSET)
+    assert known_and_beside(judge, [DRY, OFFSET], candidates, [], [])[1:] == ([DRY, OFFSET], [])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_fall_with_speed_of_which_nothing_is_known_is_plain_dry_friction(seed: int) -> None:
+    law = falls(0.05)
+    judge, candidates = judged([noisy_log([dry(1.0)], seed + k, "train", NOISE) for k in (1, 2)], law)
+    (name,) = known_and_beside(judge.at([law]), [law], candidates, [], [])[1]
+    assert (name.effect, name.joint) == ("coulomb_friction", 1)
+    # It may be kept by name: what the search was given.
+    assert law in known_and_beside(judge.at([law]), [law], candidates, [], [law])[1]
+    # Control: a fall that is there is known, and keeps its name.
+    values = {"coulomb_torque": 0.5, "static_torque": 2.0, "stribeck_velocity": 0.2}
+    hidden = Effect("stribeck_friction", (ELBOW,), values)
+    law = falls(0.2)
+    judge, candidates = judged([noisy_log([hidden], seed + k, "train", NOISE) for k in (1, 2)], law)
+    (name,) = known_and_beside(judge.at([law]), [law], candidates, [], [])[1]
+    assert name.effect == "stribeck_friction"
+
+
+def test_the_surest_parameter_counts() -> None:
+    effect = Effect(
+        "stribeck_friction",
+        (ELBOW,),
+        {"coulomb_torque": 1.0, "static_torque": 2.0, "stribeck_velocity": 0.1},
+        std_errors={"coulomb_torque": 2.0, "static_torque": 0.5, "stribeck_velocity": 0.4},
+    )
+    assert in_errors(effect, effect.parameters) == pytest.approx(4.0)
+    assert in_errors(effect, ["stribeck_velocity"]) == pytest.approx(0.25)
+    # Without an error nothing says that it is unknown.
+    assert in_errors(Effect("torque_offset", (ELBOW,), {"offset": 0.0}), ["offset"]) == float("inf")
