@@ -191,6 +191,7 @@ def test_a_speed_that_is_known_to_half_its_size_is_no_speed_below_zero():
     offset = Effect("torque_offset", ("elbow",), {"offset": 0.1}, std_errors={"offset": 0.3})
     run, nothing = true_run(), np.zeros(2)
     band = predict(Model(robot, (offset,)), run, uncertainty=Uncertainty(nothing)).band
+    assert band is not None
     np.testing.assert_allclose(band[:, 1], 0.3, atol=1e-6)
 
 
