@@ -48,6 +48,17 @@ def test_a_parameter_that_the_runs_leave_open_has_no_error_that_looks_measured()
     assert missing({"effects": [payload], "joints": ["a"]}) == ["Payload: mass 4.971 kg (left open by these runs)"]
 
 
+def test_of_a_base_on_its_side_the_angle_that_turns_it_is_told() -> None:
+    def phrase(roll: float, pitch: float) -> str:
+        angles = [parameter("roll", roll, 0.3, "rad"), parameter("pitch", pitch, 0.009, "rad")]
+        (words,) = missing({"effects": [entry("gravity_tilt", [], angles)], "joints": ["a"]})
+        return words
+
+    assert phrase(1.51, 1.558) == "Gravity tilt: pitch 1.5580 ± 0.0090 rad"
+    # Control: elsewhere both say how it stands.
+    assert phrase(1.51, 0.4) == "Gravity tilt: roll 1.51 ± 0.30 rad, pitch 0.4000 ± 0.0090 rad"
+
+
 def test_what_a_drive_gain_does_to_a_mass_is_said_with_an_if() -> None:
     # No log says whether its torque was computed from motor current.
     payload = entry("payload", [], [parameter("mass", 1.5, 0.01, "kg")])

@@ -267,6 +267,10 @@ class Family(Law):
         """Order of magnitude (p,) beyond which a coordinate is implausible; only regularises what data leaves open."""
         return np.full(self.size if term is None else term.size, 1e6)
 
+    def open_scale(self, robot: Robot, term: Term) -> Array:
+        """Spread (p,) of a coordinate of which nothing is known: its prior's, unless that is knowledge itself."""
+        return term.prior_scale(robot)
+
     def opposes_motion(self, term: Term) -> bool:
         """True where ``term`` is friction: it may take energy, never give it."""
         return self.is_friction

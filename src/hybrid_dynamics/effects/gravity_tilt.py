@@ -19,6 +19,8 @@ from hybrid_dynamics.types import Array
 
 #: A wall and a ceiling are upright to this angle [rad].
 UPRIGHT = np.deg2rad(0.5)
+#: Change of gravity [m/s^2] in the frame of a base that may stand anyhow.
+ANYWHERE = 5.0
 
 
 def base_rotation(roll: float, pitch: float) -> Array:
@@ -83,7 +85,10 @@ class GravityTilt(Family):
         size = float(np.linalg.norm(own))
         # A base that the search has put on a wall or under a ceiling; of one on the floor anything may be found.
         turned = size > 0 and np.max(np.abs(own)) > size * (1 - 1e-12) and own[2] >= -0.5 * size
-        return np.full(3, UPRIGHT * size if turned else 5.0)
+        return np.full(3, UPRIGHT * size if turned else ANYWHERE)
+
+    def open_scale(self, robot: Robot, term: Term) -> Array:
+        return np.full(3, ANYWHERE)
 
     def surface(self, x: Array, robot: Robot, term: Term) -> tuple[Array, float]:
         # Gravity turns and keeps its size: a size of its own would be a gain that no angle can publish.

@@ -34,7 +34,7 @@ def undetermined(evidence: Evidence, terms: Sequence[Term], term: Term) -> list[
     start = layout.starts[layout.terms.index(term)]
     own = slice(start, start + term.size)
     kind = term.family()
-    loose = variance[own] > 0.1 * term.prior_scale(evidence.robot) ** 2
+    loose = variance[own] > 0.1 * kind.open_scale(evidence.robot, term) ** 2
     loose |= np.sum(vectors[own][:, ~known] ** 2, axis=1) > SHARED
     return kind.left_open(term, loose)
 

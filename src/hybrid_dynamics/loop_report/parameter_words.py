@@ -23,6 +23,8 @@ from hybrid_dynamics.loop_report.words import (
 Entry = Mapping[str, Any]
 #: An effect with more parameters than this has a table's worth of them; the headline counts its links.
 _MOST = 4
+#: Pitch [rad] from which on a base stands on its side.
+_ON_ITS_SIDE = 1.4
 #: Joints that are named one by one have each its value.
 FEW = 3
 #: Settings that :func:`settings_words` and :func:`place` tell in words of their own, or that the effect's name tells.
@@ -138,6 +140,9 @@ def matter(entry: Entry) -> list[Mapping[str, Any]]:
         return parameters[:1]
     if len(parameters) > _MOST or "expression" in (entry.get("settings") or {}):
         return []
+    if any(p["name"] == "pitch" and abs(p["value"]) > _ON_ITS_SIDE for p in parameters):
+        # Of a base on a wall along x roll turns next to nothing: its number says nothing.
+        parameters = [p for p in parameters if p["name"] != "roll"]
     known = [p for p in parameters if not left_open(entry, p) and abs(p["value"]) > (p.get("std_error") or 0.0)]
     return known or parameters[:1]
 
