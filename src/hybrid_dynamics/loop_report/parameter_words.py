@@ -25,6 +25,8 @@ Entry = Mapping[str, Any]
 _MOST = 4
 #: Pitch [rad] from which on a base stands on its side.
 _ON_ITS_SIDE = 1.4
+#: Error of pitch over that of roll, the cosine of pitch: below it roll turns hardly anything.
+_TURNS = 0.2
 #: Joints that are named one by one have each its value.
 FEW = 3
 #: Settings that :func:`settings_words` and :func:`place` tell in words of their own, or that the effect's name tells.
@@ -140,9 +142,11 @@ def matter(entry: Entry) -> list[Mapping[str, Any]]:
         return parameters[:1]
     if len(parameters) > _MOST or "expression" in (entry.get("settings") or {}):
         return []
-    if any(p["name"] == "pitch" and abs(p["value"]) > _ON_ITS_SIDE for p in parameters):
-        # Of a base on a wall along x roll turns next to nothing: its number says nothing.
-        parameters = [p for p in parameters if p["name"] != "roll"]
+    own = {p["name"]: p for p in parameters}
+    if "pitch" in own and abs(own["pitch"]["value"]) > _ON_ITS_SIDE:
+        # Of a base on a wall along x roll turns next to nothing, and is known the less for it.
+        surer = (own["pitch"].get("std_error") or 0.0) / (own["roll"].get("std_error") or 1.0)
+        parameters = [p for p in parameters if p["name"] != "roll" or surer > _TURNS]
     known = [p for p in parameters if not left_open(entry, p) and abs(p["value"]) > (p.get("std_error") or 0.0)]
     return known or parameters[:1]
 
