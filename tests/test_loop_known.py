@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from tests.small_arm import arm, noisy_log
 from hybrid_dynamics.effects import Effect, Term, predict
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop.confirm import Confirmation, TestChange, _unknown
+from hybrid_dynamics.loop.describe import _confirmed
 from hybrid_dynamics.loop.known import in_errors, known_and_beside
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
@@ -92,3 +96,37 @@ def test_the_surest_parameter_counts() -> None:
     assert in_errors(effect, ["stribeck_velocity"]) == pytest.approx(0.25)
     # Without an error nothing says that it is unknown.
     assert in_errors(Effect("torque_offset", (ELBOW,), {"offset": 0.0}), ["offset"]) == float("inf")
+
+
+def _sized(name: str, parameter: str, value: float, error: float) -> Effect:
+    return Effect(name, (ELBOW,), {parameter: value}, std_errors={parameter: error})
+
+
+def test_what_was_known_beside_a_contradicted_name_alone_goes_with_it() -> None:
+    sure, less, least = (
+        _sized("coulomb_friction", "coulomb_torque", 1.0, 0.1),
+        _sized("torque_offset", "offset", 0.3, 0.4),
+        _sized("viscous_friction", "viscous_coefficient", 0.0, 0.2),
+    )
+    kept = [DRY, OFFSET, VISCOUS]
+    found: Any = SimpleNamespace(start=Model(ROBOT, (sure,)), inconsistent=[])
+
+    def lost(*effects: Effect) -> Term | None:
+        return _unknown(found, kept[: len(effects)], Model(ROBOT, (sure, *effects)))
+
+    assert lost(sure, less, least) == VISCOUS
+    assert lost(sure, less) == OFFSET
+    assert lost(sure) is None
+    # Where runs disagree every run has its own numbers, and none is that of the model.
+    found.inconsistent = [DRY]
+    assert lost(sure, less, least) is None
+
+
+def test_the_page_says_why_it_went() -> None:
+    change = TestChange(-0.1, 0.05, False, np.zeros(2))
+    said = Confirmation({DRY: change, OFFSET: change}, (DRY, OFFSET), Model(ROBOT), (OFFSET,))
+    entry = {"indistinguishable_from": []}
+    gone, contradicted = (_confirmed(ROBOT, term, said, [], entry, 2) for term in (OFFSET, DRY))
+    assert gone["confirmed"] is contradicted["confirmed"] is False
+    assert gone["why_not"] == "beside what the test runs leave of the names nothing of it is known"
+    assert contradicted["why_not"].startswith("the test runs are predicted better without it")

@@ -18,6 +18,7 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.beside import all_beside
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.known import in_errors
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.trace import PRACTICAL, Judge, difference_error, same_place
@@ -76,12 +77,13 @@ def change_of(
 
 @dataclass(frozen=True)
 class Confirmation:
-    """``changes`` per term; ``refused``: terms in the order in which the test runs spoke against them; ``model``
-    without those, re-fitted; it lists them as inactive."""
+    """``changes`` per term; ``refused``: terms in the order in which the test runs spoke against them, then those that
+    were known beside these alone (``unknown``); ``model`` without all of them, re-fitted; it lists them as inactive."""
 
     changes: dict[Term, TestChange]
     refused: tuple[Term, ...]
     model: Model
+    unknown: tuple[Term, ...] = ()
 
 
 def confirm(
@@ -110,10 +112,28 @@ def confirm(
         kept.remove(worst)
         refused.append(worst)
         model = found.model(kept)
+    unknown: list[Term] = []
+    while refused and (lost := _unknown(found, kept, model)) is not None:
+        kept.remove(lost)
+        unknown.append(lost)
+        model = found.model(kept)
+    refused += unknown
     if refused:
         model = _filled(judge, base, found, kept, model, tests, candidates)
     inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]
-    return Confirmation(changes, tuple(refused), model.with_inactive(inactive))
+    return Confirmation(changes, tuple(refused), model.with_inactive(inactive), tuple(unknown))
+
+
+def _unknown(found: Found, kept: Sequence[Term], model: Model) -> Term | None:
+    """The least sure name of ``kept`` of which nothing is known in ``model``, which has these alone: every parameter
+    lies within its standard error. Where runs disagree nothing was re-fitted."""
+    if found.inconsistent:
+        return None
+    first = len(found.start.effects)
+    own = zip(kept, model.effects[first : first + len(kept)], strict=True)
+    sizes = {t: in_errors(e, e.parameters) for t, e in own if not t.family().is_body}
+    nothing = [t for t, size in sizes.items() if size < 1.0]
+    return min(nothing, key=lambda t: (sizes[t], repr(t)), default=None)
 
 
 def _filled(

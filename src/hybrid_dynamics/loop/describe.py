@@ -187,7 +187,9 @@ def _confirmed(
         "confirmed": term not in said.refused,
         "test_change": {"value": change.relative, "std_error": change.error},
     }
-    if term in said.refused:
+    if term in said.unknown:
+        out["why_not"] = "beside what the test runs leave of the names nothing of it is known"
+    elif term in said.refused:
         out["why_not"] = _why_not(robot, term, change, outside, entry, runs)
     return out
 
