@@ -13,7 +13,7 @@ from tests.small_arm import arm, noisy_log
 from hybrid_dynamics.effects import Effect, Term, predict
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop import LoopSettings, Model
-from hybrid_dynamics.loop.confirm import Confirmation, TestChange, _unknown
+from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop.describe import _confirmed
 from hybrid_dynamics.loop.known import in_errors, known_and_beside
 from hybrid_dynamics.loop.prepare import gather, read_motion
@@ -112,7 +112,7 @@ def test_what_was_known_beside_a_contradicted_name_alone_goes_with_it() -> None:
     found: Any = SimpleNamespace(start=Model(ROBOT, (sure,)), inconsistent=[])
 
     def lost(*effects: Effect) -> Term | None:
-        return _unknown(found, kept[: len(effects)], Model(ROBOT, (sure, *effects)))
+        return confirm_module._unknown(found, kept[: len(effects)], Model(ROBOT, (sure, *effects)))
 
     assert lost(sure, less, least) == VISCOUS
     assert lost(sure, less) == OFFSET
@@ -123,9 +123,9 @@ def test_what_was_known_beside_a_contradicted_name_alone_goes_with_it() -> None:
 
 
 def test_the_page_says_why_it_went() -> None:
-    change = TestChange(-0.1, 0.05, False, np.zeros(2))
-    said = Confirmation({DRY: change, OFFSET: change}, (DRY, OFFSET), Model(ROBOT), (OFFSET,))
-    entry = {"indistinguishable_from": []}
+    change = confirm_module.TestChange(-0.1, 0.05, False, np.zeros(2))
+    said = confirm_module.Confirmation({DRY: change, OFFSET: change}, (DRY, OFFSET), Model(ROBOT), (OFFSET,))
+    entry: dict[str, Any] = {"indistinguishable_from": []}
     gone, contradicted = (_confirmed(ROBOT, term, said, [], entry, 2) for term in (OFFSET, DRY))
     assert gone["confirmed"] is contradicted["confirmed"] is False
     assert gone["why_not"] == "beside what the test runs leave of the names nothing of it is known"
