@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_dynamics.effects import Effect, Term, with_effects
+from hybrid_dynamics.effects import Effect, Term, predict, with_effects
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.prepare import gather, read_motion
@@ -207,3 +207,25 @@ def test_one_gain_of_all_joints_is_listed_where_all_links_and_one_joint_are_name
         # Control: an offset is no multiple of the torque, whatever stands for the links.
         together = any("inertial_parameters and torque_offset of j2" in why for why in told)
         assert together is (gain > 1)
+
+
+@pytest.mark.parametrize(("pace", "alike"), [(0.1, True), (1.0, False)])
+def test_of_a_links_numbers_those_that_look_like_a_spring_are_listed_too(arm, pace, alike):
+    """In slow motion a first moment is a spring on a crank; ten numbers of the link say less than its three."""
+    spring = Effect("joint_spring", ("j1",), {"stiffness": 2.0, "rest_position": 0.3}, {"shape": "sine"})
+    rng = np.random.default_rng(3)
+    runs = []
+    for seed in (1, 2):
+        plain = swing(arm, 1.5, seed, ())
+        time, q = plain.time / pace, plain["q"]
+        dq = np.gradient(q, time, axis=0)
+        tau = predict(arm, [spring], q, dq, np.gradient(dq, time, axis=0), time)
+        runs.append(Trajectory(plain.name, "train", time, {"q": q, "tau": tau + 0.3 * rng.normal(size=q.shape)}))
+    settings = LoopSettings()
+    judge, candidates, _ = gather(Model(arm), read_motion(arm, runs, [], settings), settings)
+    term = Term("joint_spring", 0, (("shape", "sine"),))
+    listed = indistinguishable(judge.adding([term]).at([term]), [term], candidates)[term]
+    names = [[(e["effect"], *e["joints"]) for e in other["effects"]] for other in listed]
+    assert [("link_inertia", "j1")] in names
+    # Control: of quick motion, which the link's inertia resists, its three alone make no spring.
+    assert ([("link_com", "j1")] in names) == alike

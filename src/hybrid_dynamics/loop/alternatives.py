@@ -121,8 +121,10 @@ def _in_place_of(named: _Named, term: Term, free: Sequence[Term], rarer: Sequenc
             continue
         tried.add(key)
         rare = group[0] in rarer
-        # The special case of one that is listed says nothing new.
-        if rare and any(covers(general, group[0]) for general in singles):
+        # The special case of one that is listed says nothing new; but that of ten numbers one or three do as well does.
+        special = rare and any(covers(general, group[0]) for general in singles)
+        part = special and group[0].family().changes_body and group[0].joint == term.joint
+        if special and not part:
             continue
         share = likeness.share(*group)
         alike = share >= (LIKENESS if len(group) == 1 else LIKENESS_OF_PAIR)
@@ -132,7 +134,7 @@ def _in_place_of(named: _Named, term: Term, free: Sequence[Term], rarer: Sequenc
         held = evidence.held([*rest, *group], active)
         gain = judge.gain(held, named.full)
         dearer = judge.price(*group) > judge.price(term)
-        if rare and (dearer or not alike) and gain.total <= (gain.error if dearer else 0.0):
+        if rare and not part and (dearer or not alike) and gain.total <= (gain.error if dearer else 0.0):
             continue
         growth = named.as_good(held)
         # What cannot be is no explanation, however well it fits.
