@@ -141,6 +141,19 @@ def test_all_signs_wrong_is_one_convention_also_where_a_joint_says_nothing(seed)
     assert {f.joint for f in check_torque(four(), [turned])[0]} == {"lift", "elbow"}
 
 
+@pytest.mark.parametrize("right", [0, 4, 6])
+def test_one_joint_that_has_its_sign_right_speaks_against_all_being_turned(panda, run, right):
+    """However noisy: a cure for all would turn it round, and be asked back in the next look."""
+    noise = np.full(7, 0.05)
+    noise[right] = 0.5
+    rng = np.random.default_rng(right)
+    tau = run["tau"] * np.where(np.arange(7) == right, 1, -1) + noise * run["tau"].std(axis=0) * rng.normal(
+        size=run["tau"].shape
+    )
+    findings = [f for f in check_torque(panda, [run.with_signals(tau=tau)])[0] if f.code == "torque_sign"]
+    assert {f.joint for f in findings} == {JOINTS[j] for j in range(7) if j != right}
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_joint_that_is_not_that_of_its_links_hides_no_wall(seed):
     """A wrist's friction says nothing of how the base stands, and on the wall no rotor stands for the weight."""

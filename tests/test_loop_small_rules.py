@@ -268,6 +268,7 @@ def test_a_motor_that_sees_two_joints_brakes_both(which, sign):
     assert x == pytest.approx([0.4, 0.2, 0.1])
     assert kind.parameters_of(x, robot, term) == pytest.approx(parameters)
     assert list(kind.lower_bounds(robot, term)) == [0.0, 0.0, 0.0]
+    assert ("<= 0" in kind.admissible(term)) == (which == "difference")
     # Control: what one joint does to another, without a motor that sees both, may have any sign.
     own = Effect("joint_coupling", ("shoulder",), parameters, {**settings, "rows": "own", "sign_of": "partner"})
     assert np.all(np.isneginf(kind.lower_bounds(robot, own.term(robot))))

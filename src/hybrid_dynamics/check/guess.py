@@ -141,9 +141,12 @@ def _assigned(forms: Forms, told: Guess, gravity: Array, source: tuple[int, ...]
 
 def _turned(forms: Forms, told: Guess) -> Guess:
     """All torques turned round: what the joint does to the drive, as some controllers publish it. That is one
-    convention and not a wrong sign for every joint; it costs what two do."""
+    convention and not a wrong sign for every joint; it costs what two do. Beyond any price where a joint has its sign
+    right."""
     scores = tuple(forms.fit(j, told.gravity, j, -1).score for j in range(forms.n))
-    return replace(told, sign=(-1,) * forms.n, scores=scores, price=2 * SIGN)
+    pairs = zip(scores, told.scores, strict=True)
+    right = any(left_of(old) < EXPLAINED and new > old + CHANGED for new, old in pairs)
+    return replace(told, sign=(-1,) * forms.n, scores=scores, price=np.inf if right else 2 * SIGN)
 
 
 def _paced(forms: Forms, told: Guess, pace: float) -> Guess:

@@ -263,16 +263,20 @@ class Family(Law):
         """Smallest admissible coordinates (p,)."""
         return np.full(self.size if term is None else term.size, -np.inf)
 
+    def admissible(self, term: Term) -> str:
+        """:meth:`lower_bounds` in words."""
+        return ">= 0"
+
     def prior_scale(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         """Order of magnitude (p,) beyond which a coordinate is implausible; only regularises what data leaves open."""
         return np.full(self.size if term is None else term.size, 1e6)
 
     def open_scale(self, robot: Robot, term: Term) -> Array:
-        """Spread (p,) of a coordinate of which nothing is known: its prior's, unless that is knowledge itself."""
+        """Spread (p,) of what nothing is known of: the prior's, unless that is knowledge itself."""
         return term.prior_scale(robot)
 
     def opposes_motion(self, term: Term) -> bool:
-        """True where ``term`` is friction: it may take energy, never give it."""
+        """True where ``term`` is friction: it takes energy."""
         return self.is_friction
 
     def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:

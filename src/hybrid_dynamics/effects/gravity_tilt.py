@@ -35,7 +35,9 @@ def base_angles(gravity: Array) -> tuple[float, float]:
     """Roll and pitch of the base in which gravity (3,) points along ``gravity``; inverse of :func:`tilted_gravity`."""
     size = max(float(np.linalg.norm(gravity)), 1e-300)
     x, y, z = np.asarray(gravity) / size
-    return float(np.arctan2(-y, -z)), float(np.arcsin(np.clip(x, -1.0, 1.0)))
+    # On a wall along x roll turns nothing; adding zero takes the sign from a zero, which would be half a turn less.
+    roll = 0.0 if np.hypot(y, z) < 1e-9 else float(np.arctan2(0.0 - y, 0.0 - z))
+    return roll, float(np.arcsin(np.clip(x, -1.0, 1.0)))
 
 
 def tilted_gravity(roll: float, pitch: float, size: float) -> Array:

@@ -114,7 +114,7 @@ class JointCoupling(Family):
     def _turned(self, x: Array, term: Term) -> Array:
         """Coordinates from published numbers and back: of a motor that sees the difference of two speeds those of the
         partner's speed and acceleration are negative, f (dq_j - dq_k) in the row of j."""
-        return x * np.array([-1.0, 1.0, -1.0]) if self._shared(term) == DIFFERENCE else x
+        return 0.0 + x * np.array([-1.0, 1.0, -1.0]) if self._shared(term) == DIFFERENCE else x
 
     def _shared(self, term: Term) -> str:
         """Which of both speeds the one motor sees whose friction and rotor stand in both rows; empty where none is."""
@@ -125,6 +125,11 @@ class JointCoupling(Family):
         # Friction of a motor opposes the motion that it sees and its rotor resists it: seen against both joints, none
         # may drive. What one joint does to another may have any sign.
         return np.full(3, 0.0 if term is not None and self._shared(term) else -np.inf)
+
+    def admissible(self, term: Term) -> str:
+        if self._shared(term) != DIFFERENCE:
+            return super().admissible(term)
+        return "of a motor that sees a difference viscous_coefficient and armature <= 0, coulomb_torque >= 0"
 
     def draw_term(self, robot: Robot, moving: NDArray[np.bool_], rng: np.random.Generator) -> Term:
         j = int(rng.integers(0, robot.n_joints - 1))

@@ -21,7 +21,7 @@ from hybrid_dynamics.loop.everything import better_with_everything
 from hybrid_dynamics.loop.find import Found, find, with_contacts
 from hybrid_dynamics.loop.floor import Floor, examine
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.loop.mounting import as_found, as_mounted
+from hybrid_dynamics.loop.mounting import as_found, as_mounted, held_upright
 from hybrid_dynamics.loop.prepare import Logs, gather, read_motion, resolution
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.search import Step
@@ -137,6 +137,7 @@ def _close(
         *plausible.notes,
         *logs.notes,
         *searched.notes,
+        *held_upright(base, judge.evidence.base),
         *found.notes,
         *pushed_in_tests(full, logs.test, settings),
     ]

@@ -131,7 +131,8 @@ def _unknown(found: Found, kept: Sequence[Term], model: Model) -> Term | None:
         return None
     first = len(found.start.effects)
     own = zip(kept, model.effects[first : first + len(kept)], strict=True)
-    sizes = {t: in_errors(e, e.parameters) for t, e in own if not t.family().is_body}
+    robot = found.judge.evidence.robot
+    sizes = {t: in_errors(t, e, robot) for t, e in own if not t.family().is_body}
     nothing = [t for t, size in sizes.items() if size < 1.0]
     return min(nothing, key=lambda t: (sizes[t], repr(t)), default=None)
 

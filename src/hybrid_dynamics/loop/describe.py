@@ -188,7 +188,7 @@ def _confirmed(
         "test_change": {"value": change.relative, "std_error": change.error},
     }
     if term in said.unknown:
-        out["why_not"] = "beside what the test runs leave of the names nothing of it is known"
+        out["why_not"] = "known only beside names that the test runs contradict"
     elif term in said.refused:
         out["why_not"] = _why_not(robot, term, change, outside, entry, runs)
     return out

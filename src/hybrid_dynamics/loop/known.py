@@ -11,12 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+import numpy as np
+
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import all_beside
 from hybrid_dynamics.loop.further import plainer_forms
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.weighing import as_left
+from hybrid_dynamics.robots import Robot
 
 
 def known_and_beside(
@@ -35,7 +38,8 @@ def known_and_beside(
             names = plainer
             continue
         asked = {t: e for t, e in zip(names, effects, strict=True) if t not in fixed and not t.family().is_body}
-        nothing = {t: size for t, e in asked.items() if (size := in_errors(e, e.parameters)) < 1.0}
+        robot = judge.evidence.robot
+        nothing = {t: size for t, e in asked.items() if (size := in_errors(t, e, robot)) < 1.0}
         if not nothing:
             return judge, names, beside
         least = min(nothing, key=lambda t: (nothing[t], repr(t)))
@@ -44,10 +48,31 @@ def known_and_beside(
             unsure.append(least)
 
 
-def in_errors(effect: Effect, names: Collection[str]) -> float:
-    """The surest of the parameters ``names`` of ``effect``, in its own standard errors; of one without, no limit."""
+def in_errors(term: Term, effect: Effect, robot: Robot, names: Collection[str] | None = None) -> float:
+    """By how much the surest of the parameters ``names`` (default: all) of ``effect``, found as ``term`` on ``robot``,
+    differs from what it is without the effect, in its own standard errors; of one without an error, no limit.
+
+    Some families publish what there is in all: a gain of one, the mass of the link, the angles of a base that the
+    starting model has tilted.
+    """
+    without = _without(term, robot)
     errors = effect.std_errors
-    return max((abs(effect.parameters[n]) / errors[n] if errors.get(n) else float("inf") for n in names), default=0.0)
+    sizes = [
+        abs(effect.parameters[n] - without.get(n, 0.0)) / errors[n] if errors.get(n) else np.inf
+        for n in (effect.parameters if names is None else names)
+    ]
+    return max(sizes, default=0.0)
+
+
+def _without(term: Term, robot: Robot) -> dict[str, float]:
+    """What the parameters of ``term`` are where nothing is found; a speed or a place that is none there is zero."""
+    refined = {r.name for r in term.family().nonlinear_settings}
+    with np.errstate(all="ignore"):
+        try:
+            values = term.family().parameters_of(np.zeros(term.size), robot, term)
+        except ZeroDivisionError:
+            return {}
+    return {name: value for name, value in values.items() if name not in refined and np.isfinite(value)}
 
 
 def _published(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Effect]]:
@@ -71,7 +96,8 @@ def _plainer(
         plain = {p.name for name in kind.contains for p in family(name).parameters}
         own = [name for name in effect.parameters if name not in plain]
         # A speed at which friction falls by nothing has no error, and is not known either.
-        sized = [name for name in own if effect.std_errors.get(name) and in_errors(effect, [name]) >= 1.0]
+        robot, errors = judge.evidence.robot, effect.std_errors
+        sized = [name for name in own if errors.get(name) and in_errors(term, effect, robot, [name]) >= 1.0]
         if len(sized) == len(own):
             continue
         judge, trials = plainer_forms(judge, out, i, candidates)

@@ -396,4 +396,4 @@ def _check_physics(model: Model) -> None:
         if np.any(total < kind.lower_bounds(model.robot, term) - 1e-9):
             where = "the robot" if term.joint is None else model.robot.joint_names[term.joint]
             shown = ", ".join(f"{k} = {v:g}" for k, v in kind.parameters_of(total, model.robot, term).items())
-            raise InputError(f"effect {term.effect} of {where}: {shown}; expected >= 0, all in all")
+            raise InputError(f"effect {term.effect} of {where}: {shown}; expected {kind.admissible(term)}, all in all")

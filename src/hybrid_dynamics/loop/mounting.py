@@ -32,7 +32,7 @@ MUCH = 0.1
 NEAR = 1e-3
 #: Gravity so near [rad] an axis of the base is along it, as far as is known beforehand, and as a search has found it
 #: that was held to the axis.
-ALONG, STILL_ALONG = np.deg2rad(5.0), np.deg2rad(2.0)
+ALONG, STILL_ALONG = np.deg2rad(3.0), np.deg2rad(1.0)
 
 
 def as_mounted(start: Model, gravity: Array, settings: LoopSettings) -> Model:
@@ -65,6 +65,18 @@ def _upright(gravity: Array, near: float) -> Array:
 def turned_by(start: Model, searched: Model) -> list[Term]:
     """What ``searched``, from which a search starts, has beyond ``start``, from which the loop does."""
     return [effect.term(start.robot) for effect in searched.effects[len(start.effects) :]]
+
+
+def held_upright(start: Model, searched: Model) -> list[str]:
+    """A note where ``searched``, from which a search began, has the base of ``start`` on a wall or under a ceiling."""
+    gravity = _gravity(searched)
+    along_an_axis = np.max(np.abs(gravity)) > np.linalg.norm(gravity) * (1 - 1e-12)
+    if not (turned_by(start, searched) and along_an_axis):
+        return []
+    return [
+        "the base is taken to stand upright on its wall or under its ceiling, to half a degree: these runs need not "
+        "show that, and a lean of that size may be links that weigh otherwise"
+    ]
 
 
 def _with(start: Model, tilt: Effect) -> Model:

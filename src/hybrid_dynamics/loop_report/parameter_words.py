@@ -24,9 +24,9 @@ Entry = Mapping[str, Any]
 #: An effect with more parameters than this has a table's worth of them; the headline counts its links.
 _MOST = 4
 #: Pitch [rad] from which on a base stands on its side.
-_ON_ITS_SIDE = 1.4
+_ON_ITS_SIDE = 1.53
 #: Error of pitch over that of roll, the cosine of pitch: below it roll turns hardly anything.
-_TURNS = 0.2
+_TURNS = 0.05
 #: Joints that are named one by one have each its value.
 FEW = 3
 #: Settings that :func:`settings_words` and :func:`place` tell in words of their own, or that the effect's name tells.
