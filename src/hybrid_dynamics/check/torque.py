@@ -142,7 +142,7 @@ def _holds(told: Guess, best: Guess) -> bool:
     moved = [j for j, k in enumerate(best.source) if j != k]
     open_still = [j for j in {*gained, *moved} if left_of(best.scores[j]) >= EXPLAINED]
     # Of how the base stands, or whose torque is published, a joint whose torque is not that of its links says nothing.
-    whole = best.reads_as_told or best.all_turned
+    whole = best.reads_as_told or (best.all_turned and not moved)
     return bool(gained) and (2 * len(open_still) < len(gained) if whole else not open_still)
 
 
