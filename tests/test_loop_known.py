@@ -16,7 +16,7 @@ from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop import known as known_module
 from hybrid_dynamics.loop.describe import _confirmed
-from hybrid_dynamics.loop.known import in_errors, known_and_beside
+from hybrid_dynamics.loop.known import known_and_beside, published_in_errors
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.trajectory import Trajectory
@@ -94,26 +94,26 @@ def test_the_surest_parameter_counts() -> None:
         std_errors={"coulomb_torque": 2.0, "static_torque": 0.5, "stribeck_velocity": 0.4},
     )
     term = effect.term(ROBOT)
-    assert in_errors(term, effect, ROBOT) == pytest.approx(4.0)
-    assert in_errors(term, effect, ROBOT, ["stribeck_velocity"]) == pytest.approx(0.25)
+    assert published_in_errors(term, effect, ROBOT) == pytest.approx(4.0)
+    assert published_in_errors(term, effect, ROBOT, ["stribeck_velocity"]) == pytest.approx(0.25)
     # Without an error nothing says that it is unknown.
-    assert in_errors(OFFSET, Effect("torque_offset", (ELBOW,), {"offset": 0.0}), ROBOT) == float("inf")
+    assert published_in_errors(OFFSET, Effect("torque_offset", (ELBOW,), {"offset": 0.0}), ROBOT) == float("inf")
 
 
 def test_what_is_published_in_all_is_known_by_what_it_differs_by() -> None:
     """A gain of one is none; a base that is level after all has turned back from where the starting model has it."""
     gain = Effect("torque_gain", (ELBOW,), {"gain": 1.001}, std_errors={"gain": 0.01})
-    assert in_errors(gain.term(ROBOT), gain, ROBOT) == pytest.approx(0.1)
+    assert published_in_errors(gain.term(ROBOT), gain, ROBOT) == pytest.approx(0.1)
     leaning = ROBOT.copy()
     leaning.model.gravity.linear = 9.81 * np.array([np.sin(0.2), 0.0, -np.cos(0.2)])
     level = Effect("gravity_tilt", (), {"roll": 0.0, "pitch": 0.001}, std_errors={"roll": 0.01, "pitch": 0.01})
     term = level.term(ROBOT)
-    assert in_errors(term, level, leaning) == pytest.approx(19.9)
-    assert in_errors(term, level, ROBOT) == pytest.approx(0.1)
+    assert published_in_errors(term, level, leaning) == pytest.approx(19.9)
+    assert published_in_errors(term, level, ROBOT) == pytest.approx(0.1)
     # A spring that is none rests nowhere.
     spring = Effect("joint_spring", (ELBOW,), {"stiffness": 1.0, "rest_position": 0.3}, {"shape": "linear"})
     spring = replace(spring, std_errors={"stiffness": 2.0, "rest_position": 0.1})
-    assert in_errors(spring.term(ROBOT), spring, ROBOT) == pytest.approx(3.0)
+    assert published_in_errors(spring.term(ROBOT), spring, ROBOT) == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -276,7 +276,7 @@ class Family(Law):
         return term.prior_scale(robot)
 
     def opposes_motion(self, term: Term) -> bool:
-        """True where ``term`` is friction: it takes energy."""
+        """True where ``term`` is friction: it may take energy, never give it."""
         return self.is_friction
 
     def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:

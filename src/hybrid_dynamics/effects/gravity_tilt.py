@@ -45,6 +45,11 @@ def tilted_gravity(roll: float, pitch: float, size: float) -> Array:
     return np.asarray(base_rotation(roll, pitch).T @ np.array([0.0, 0.0, -size]))
 
 
+def is_along_an_axis(gravity: Array) -> bool:
+    """Whether ``gravity`` (3,) points along an axis of the base, up to rounding."""
+    return bool(np.max(np.abs(gravity)) > np.linalg.norm(gravity) * (1 - 1e-12))
+
+
 def mounted(gravity: Array) -> Effect:
     """The effect by which gravity points along ``gravity`` (3,) in the frame of the base."""
     roll, pitch = base_angles(gravity)
@@ -86,7 +91,7 @@ class GravityTilt(Family):
         own = np.zeros(3) if robot is None else np.asarray(robot.model.gravity.linear)
         size = float(np.linalg.norm(own))
         # A base that the search has put on a wall or under a ceiling; of one on the floor anything may be found.
-        turned = size > 0 and np.max(np.abs(own)) > size * (1 - 1e-12) and own[2] >= -0.5 * size
+        turned = size > 0 and is_along_an_axis(own) and own[2] >= -0.5 * size
         return np.full(3, UPRIGHT * size if turned else ANYWHERE)
 
     def open_scale(self, robot: Robot, term: Term) -> Array:

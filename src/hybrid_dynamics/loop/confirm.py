@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.loop import known
 from hybrid_dynamics.loop.beside import all_beside
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.find import Found
-from hybrid_dynamics.loop.known import in_errors
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.trace import PRACTICAL, Judge, difference_error, same_place
@@ -125,16 +125,13 @@ def confirm(
 
 
 def _unknown(found: Found, kept: Sequence[Term], model: Model) -> Term | None:
-    """The least sure name of ``kept`` of which nothing is known in ``model``, which has these alone: every parameter
-    lies within its standard error. Where runs disagree nothing was re-fitted."""
+    """The least sure name of ``kept`` of which nothing is known in ``model``, which has these alone. Where runs
+    disagree nothing was re-fitted."""
     if found.inconsistent:
         return None
     first = len(found.start.effects)
     own = zip(kept, model.effects[first : first + len(kept)], strict=True)
-    robot = found.judge.evidence.robot
-    sizes = {t: in_errors(t, e, robot) for t, e in own if not t.family().is_body}
-    nothing = [t for t, size in sizes.items() if size < 1.0]
-    return min(nothing, key=lambda t: (sizes[t], repr(t)), default=None)
+    return known.unknown(dict(own), found.judge.evidence.robot)
 
 
 def _filled(

@@ -9,7 +9,7 @@ plain one that it holds. Found on two arms that the project had not seen (a slow
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -37,18 +37,24 @@ def known_and_beside(
         if plainer != names:
             names = plainer
             continue
-        asked = {t: e for t, e in zip(names, effects, strict=True) if t not in fixed and not t.family().is_body}
-        robot = judge.evidence.robot
-        nothing = {t: size for t, e in asked.items() if (size := in_errors(t, e, robot)) < 1.0}
-        if not nothing:
+        asked = {t: e for t, e in zip(names, effects, strict=True) if t not in fixed}
+        least = unknown(asked, judge.evidence.robot)
+        if least is None:
             return judge, names, beside
-        least = min(nothing, key=lambda t: (nothing[t], repr(t)))
         names.remove(least)
         if least.family().everywhere:
             unsure.append(least)
 
 
-def in_errors(term: Term, effect: Effect, robot: Robot, names: Collection[str] | None = None) -> float:
+def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:
+    """The least sure of the terms of ``effects``, found on ``robot``, of which nothing is known: every parameter lies
+    within its standard error of what it is without. No body: in few poses only sums of its numbers are known."""
+    sizes = {t: published_in_errors(t, e, robot) for t, e in effects.items() if not t.family().is_body}
+    nothing = [t for t, size in sizes.items() if size < 1.0]
+    return min(nothing, key=lambda t: (sizes[t], repr(t)), default=None)
+
+
+def published_in_errors(term: Term, effect: Effect, robot: Robot, names: Collection[str] | None = None) -> float:
     """By how much the surest of the parameters ``names`` (default: all) of ``effect``, found as ``term`` on ``robot``,
     differs from what it is without the effect, in its own standard errors; of one without an error, no limit.
 
@@ -97,7 +103,7 @@ def _plainer(
         own = [name for name in effect.parameters if name not in plain]
         # A speed at which friction falls by nothing has no error, and is not known either.
         robot, errors = judge.evidence.robot, effect.std_errors
-        sized = [name for name in own if errors.get(name) and in_errors(term, effect, robot, [name]) >= 1.0]
+        sized = [name for name in own if errors.get(name) and published_in_errors(term, effect, robot, [name]) >= 1.0]
         if len(sized) == len(own):
             continue
         judge, trials = plainer_forms(judge, out, i, candidates)

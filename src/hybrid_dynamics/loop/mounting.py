@@ -20,6 +20,7 @@ import numpy as np
 from hybrid_dynamics.check.guess import angle
 from hybrid_dynamics.check.torque import WEIGHED_WRONGLY
 from hybrid_dynamics.effects import Effect, Term, mounted
+from hybrid_dynamics.effects.gravity_tilt import is_along_an_axis
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.types import Array
@@ -69,9 +70,7 @@ def turned_by(start: Model, searched: Model) -> list[Term]:
 
 def held_upright(start: Model, searched: Model) -> list[str]:
     """A note where ``searched``, from which a search began, has the base of ``start`` on a wall or under a ceiling."""
-    gravity = _gravity(searched)
-    along_an_axis = np.max(np.abs(gravity)) > np.linalg.norm(gravity) * (1 - 1e-12)
-    if not (turned_by(start, searched) and along_an_axis):
+    if not (turned_by(start, searched) and is_along_an_axis(_gravity(searched))):
         return []
     return [
         "the base is taken to stand upright on its wall or under its ceiling, to half a degree: these runs need not "
