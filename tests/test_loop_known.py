@@ -100,6 +100,34 @@ def test_the_surest_parameter_counts() -> None:
     assert published_in_errors(OFFSET, Effect("torque_offset", (ELBOW,), {"offset": 0.0}), ROBOT) == float("inf")
 
 
+def test_an_only_number_within_two_errors_of_nothing_is_not_known_and_one_of_several_within_one() -> None:
+    mass = float(ROBOT.model.inertias[2].mass)
+    heavier = Term("link_mass", 1)
+
+    def of(errors: float, name: str = "coulomb_torque") -> dict[Term, Effect]:
+        return {DRY: Effect("coulomb_friction", (ELBOW,), {name: errors}, std_errors={name: 1.0})}
+
+    def weighs(errors: float) -> dict[Term, Effect]:
+        more = {"mass": mass + 0.01 * errors}
+        return {heavier: Effect("link_mass", (ELBOW,), more, std_errors={"mass": 0.01})}
+
+    assert known_module.unknown(of(1.9), ROBOT) == DRY
+    assert known_module.unknown(of(2.1), ROBOT) is None
+    assert known_module.unknown(weighs(-1.9), ROBOT) == heavier
+    assert known_module.unknown(weighs(-2.1), ROBOT) is None
+    assert known_module.unknown({**of(1.5), **weighs(1.0)}, ROBOT) == heavier
+    # Of two, one that is 1.5 errors off is known; of a body's many only sums may be.
+    law = Term("asymmetric_coulomb_friction", 1)
+    for sizes, known in (((1.5, 0.2), True), ((0.9, 0.2), False)):
+        two = dict(zip(("coulomb_torque_positive", "coulomb_torque_negative"), sizes, strict=True))
+        own = Effect("asymmetric_coulomb_friction", (ELBOW,), two, std_errors=dict.fromkeys(two, 1.0))
+        assert (known_module.unknown({law: own}, ROBOT) is None) is known
+    tool = Term("payload")
+    numbers = tool.family().parameters_of(np.full(tool.size, 1e-3), ROBOT, tool)
+    body = Effect("payload", (), numbers, std_errors=dict.fromkeys(numbers, 1.0))
+    assert known_module.unknown({tool: body}, ROBOT) is None
+
+
 def test_what_is_published_in_all_is_known_by_what_it_differs_by() -> None:
     """A gain of one is none; a base that is level after all has turned back from where the starting model has it."""
     gain = Effect("torque_gain", (ELBOW,), {"gain": 1.001}, std_errors={"gain": 0.01})

@@ -195,13 +195,14 @@ def test_friction_of_a_urdf_that_makes_the_training_error_larger_is_told_and_oth
     train, _ = excitations(arm(), [true], train=2, test=0, duration=6.0, rate=200.0)
     runs = [process(log, arm(), ProcessSettings()) for log in train]
     result = SimpleNamespace(model=Model(arm()), train=runs)
-    assert _worse(result, [true]) == []
+    assert _worse(result, [true], [true]) == []
     placeholder = Effect("viscous_friction", ("shoulder",), {"viscous_coefficient": 30.0})
-    (line,) = _worse(result, [placeholder])
+    (line,) = _worse(result, [placeholder], [placeholder])
     assert "shoulder" in line
     assert "placeholder" in line
     # Of a joint without any nothing is told, however bad.
-    assert _worse(result, [Effect("viscous_friction", ("elbow",), {"viscous_coefficient": 0.0})]) == []
+    nothing = Effect("viscous_friction", ("elbow",), {"viscous_coefficient": 0.0})
+    assert _worse(result, [nothing], [nothing]) == []
 
 
 def test_a_richer_law_comes_on_top_of_the_urdfs_plainer_one_of_its_own_joint():

@@ -26,7 +26,7 @@ def case(name: str, hidden: str = "", **other: Any) -> dict[str, Any]:
         "within": " ".join(["95"] * count), "wrong": "", "stand_ins": "", "other_laws": "",
         "alternatives": 1, "loop_seconds": 9.0,
         "noise_floor": 1.0, "runs": 4, "parameter_error": 0.005, "rate": 500.0, "velocity": True, "listed": "",
-        "joint": 1,
+        "joint": 1, "silent": "",
     }  # fmt: skip
     return row | other
 
@@ -82,6 +82,14 @@ def test_claims_are_met_by_what_shows_them_and_by_nothing_else():
     assert unmet(*(case(f"a{k}", **WRONG) for k in range(3))) == ["Nothing hidden: at most 1 false alarm in 100"]
     (only,) = unmet(*(case(f"v{k}", "payload", verdict="unexplained") for k in range(30)))
     assert "explained in at least 85 %" in only
+
+
+def test_a_joint_of_which_nothing_can_be_said_asks_for_no_all_clear_and_forbids_one():
+    mute = [case(f"s{k}", "payload", verdict="partly_explained", silent="j2 j3") for k in range(30)]
+    assert not unmet(*mute)
+    (only,) = unmet(*mute, case("s", "payload", silent="j2"))
+    assert only == "The torque of a joint never changes: no all-clear"
+    assert only not in claims(table())
     (only,) = unmet(*(case(f"p{k}", "payload", parameter_errors="0.2") for k in range(60)))
     assert "Parameter error" in only
     assert not unmet(*(case(f"p{k}", "hysteresis_friction", parameter_errors="0.15") for k in range(60)))

@@ -60,8 +60,16 @@ def test_two_harmonics_of_a_joint_are_two_ripples_and_one_of_them_is_half_the_tr
         "error": {"test": {"after_confirmed": {"rmse": size}}},
         "error_moving": {"test": {"before": {"rmse": size}, "after_confirmed": {"rmse": size}}},
         "noise_floor": size,
+        "not_identifiable": [
+            {
+                "joint": "elbow_joint",
+                "why": "its torque never changes in the training runs; its effects are not sought",
+            },
+            {"joint": "wrist_1_joint", "why": "the joint never moves in the training runs; its effects are not sought"},
+        ],
     }
     row = score_blind(case.truth, said, ROBOT, case.train, case.test)
+    assert row["silent"] == "elbow_joint"
     # A refusal is an answer, too: nothing was named.
     refused = score_blind(case.truth, {"refused": "joint elbow_joint: wrong sign"}, ROBOT, case.train, case.test)
     assert refused["verdict"] == "refused"
@@ -99,6 +107,7 @@ def test_an_effect_named_for_another_law_of_its_own_is_told_apart_from_a_wrong_n
             "error": {"test": {"after_confirmed": {"rmse": size}}},
             "error_moving": {"test": {"before": {"rmse": size}, "after_confirmed": {"rmse": size}}},
             "noise_floor": size,
+            "not_identifiable": [],
         }
         row = score_blind(case.truth, said, ROBOT, case.train, case.test)
         assert not row["nothing_wrong_named"]

@@ -12,7 +12,7 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import check_once
 from hybrid_dynamics.loop.close import close_loop
 from hybrid_dynamics.loop.described import with_described
-from hybrid_dynamics.loop.model import Model, load_model
+from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.loop.provenance import plain, provenance_of
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop_report.output import RESULT_FILES, is_result, write_result
@@ -82,8 +82,6 @@ def close_files(files: LoopFiles, progress: Progress | None = None, note: Notify
     robot = Robot.from_urdf(files.robot, files.lock)
     start = load_model(files.model, robot) if files.model else None
     described = () if files.model or files.ignore_dynamics else urdf_dynamics(files.robot, robot)
-    if described:
-        start = Model(robot, described)
     notices: list[str] = []
     train = read_logs(files.train, robot, "train", notices, log=files.form)
     test = read_logs(files.test, robot, "test", notices, log=files.form)
@@ -91,7 +89,7 @@ def close_files(files: LoopFiles, progress: Progress | None = None, note: Notify
         for line in notices:
             note(line)
     provenance = files.provenance(robot)
-    result = with_described(close_loop(robot, train, test, files.settings, start, progress), described)
+    result = with_described(close_loop(robot, train, test, files.settings, start, progress, described), described)
     if progress is not None:
         progress(1.0, "writing the report")
     with result_folder(files.out, RESULT_FILES, force=files.force, ours=is_result) as folder:

@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hybrid_dynamics.check import Checked, checked, refuse_hard, told_by_model
-from hybrid_dynamics.effects import Term
+from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.carried import carried_over
 from hybrid_dynamics.loop.confirm import confirm
@@ -22,8 +22,9 @@ from hybrid_dynamics.loop.find import Found, find, with_contacts
 from hybrid_dynamics.loop.floor import Floor, examine
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import as_found, as_mounted, held_upright
+from hybrid_dynamics.loop.placeholders import with_unmatched, without_placeholders
 from hybrid_dynamics.loop.prepare import Logs, gather, read_motion, resolution
-from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.process import Run, process
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.standing import beyond_friction
@@ -64,11 +65,14 @@ def close_loop(
     settings: LoopSettings | None = None,
     start: Model | None = None,
     progress: Progress | None = None,
+    described: Sequence[Effect] = (),
 ) -> LoopResult:
     """Find what ``robot`` (or the model ``start``) lacks on ``train``, prove it on ``test``.
 
     ``train`` and ``test`` hold ``q tau`` (``dq`` where the log has it) on a uniform grid. Without test runs the last
-    part of every training run is held out. Raises :class:`InputError` where no verdict can be given.
+    part of every training run is held out. ``described``: friction that the URDF gives
+    (:func:`~hybrid_dynamics.effects.urdf_dynamics.urdf_dynamics`); it belongs to the start, but for dry friction that
+    the torque does not have. Raises :class:`InputError` where no verdict can be given.
 
     >>> from hybrid_dynamics import Robot, close_loop, read_log
     >>> robot = Robot.from_urdf("robot.urdf")
@@ -89,8 +93,9 @@ def close_loop(
             list(train),
             list(test),
             settings or LoopSettings(),
-            start or Model(robot),
+            start or Model(robot, tuple(described)),
             progress or (lambda share, what: None),
+            described if start is None else (),
         )
 
 
@@ -101,16 +106,21 @@ def _close(
     settings: LoopSettings,
     base: Model,
     progress: Progress,
+    described: Sequence[Effect],
 ) -> LoopResult:
     if not train:
         raise InputError("no training run is given; expected at least one log with positions and torques")
     progress(0.0, "looking at the logs")
     plausible = checked(base, train, test)
-    mounted = as_mounted(base, plausible.gravity, settings)
-    searched = _searched(base, mounted, plausible, settings, progress, 0.05)
-    if (turned := as_found(base, mounted, searched.found.effects(False))) is not None:
-        again = _searched(base, turned, plausible, settings, progress, 0.45)
-        searched = min(searched, again, key=lambda s: s.left(searched.found.judge))
+    given = base
+    if described:
+        runs = [process(t, robot, settings.process) for t in plausible.train]
+        base = without_placeholders(given, described, runs)
+    searched = _looked_for(base, plausible, settings, progress)
+    kept = with_unmatched(given, base, [*searched.found.terms, *searched.found.beside])
+    if kept.effects != base.effects:
+        base = kept
+        searched = _looked_for(base, plausible, settings, progress)
     logs, terms, judge = searched.logs, searched.terms, searched.found.judge
     found = with_contacts(searched.found, logs)
 
@@ -173,6 +183,17 @@ class _Searched:
         own = self.found.judge
         held = own.evidence.held(self.found.terms, physical=True)
         return float(own.mean_square(held) @ (judge.evidence.weights * judge.evidence.samples))
+
+
+def _looked_for(base: Model, plausible: Checked, settings: LoopSettings, progress: Progress) -> _Searched:
+    """What ``base`` lacks, also where it is to be mounted otherwise than the log's gravity says."""
+    mounted = as_mounted(base, plausible.gravity, settings)
+    searched = _searched(base, mounted, plausible, settings, progress, 0.05)
+    turned = as_found(base, mounted, searched.found.effects(False))
+    if turned is None:
+        return searched
+    again = _searched(base, turned, plausible, settings, progress, 0.45)
+    return min(searched, again, key=lambda s: s.left(searched.found.judge))
 
 
 def _searched(

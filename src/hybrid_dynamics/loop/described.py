@@ -6,17 +6,16 @@ total, with the URDF's share beside it, and to hear first where that share makes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from hybrid_dynamics.effects import Effect, family
 from hybrid_dynamics.effects.units import unit_at, unit_of
 from hybrid_dynamics.effects.urdf_dynamics import ATTRIBUTES
 from hybrid_dynamics.loop.close import LoopResult
-from hybrid_dynamics.loop.diagnosis import NamedEffect, predict_run
+from hybrid_dynamics.loop.diagnosis import Change, Diagnosis, Errors, NamedEffect, errors_of, rounded
 from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.placeholders import harmed
 
 #: How the note on a description that does harm begins.
 WORSE = "the URDF's <dynamics> makes the training error larger"
@@ -24,14 +23,10 @@ WORSE = "the URDF's <dynamics> makes the training error larger"
 
 def announced(effects: Sequence[Effect], slides: Sequence[str]) -> str:
     """One line: what the URDF's <dynamics> put into the starting model; ``slides`` are the prismatic joints."""
-    each = []
-    for e in effects:
-        name, value = next(iter(e.parameters.items()))
-        each.append(f"{e.joints[0]} {value:g} {unit_of(e, name, slides)}")
     listed = "; ".join(
-        f"{kind} {', '.join(text for text, e in zip(each, effects, strict=True) if e.effect == name)}"
+        f"{kind} {_each(own, slides)}"
         for kind, name, _ in ATTRIBUTES
-        if any(e.effect == name for e in effects)
+        if (own := [e for e in effects if e.effect == name])
     )
     return f"the URDF's <dynamics> belongs to the starting model ({listed}); --ignore-dynamics leaves it out"
 
@@ -41,25 +36,43 @@ def with_described(result: LoopResult, described: Sequence[Effect]) -> LoopResul
     if not described:
         return result
     slides = result.model.robot.prismatic
+    kept = [d for d in described if d in result.models[0].effects]
     named, notes = [], []
     for entry in result.diagnosis.effects:
-        total = _total(entry, described)
+        total = _total(entry, described, kept)
         named.append(total)
-        notes += [*_shares(total, slides), *_beside(total, result.diagnosis.effects, described, slides)]
-    first = [*_worse(result, described), announced(described, slides)]
+        notes += [*_shares(total, slides), *_beside(total, result.diagnosis.effects, kept, slides)]
+    first = [*_worse(result, described, kept), *([announced(kept, slides)] if kept else [])]
     # The loop tells the same change in its own words; the total says more.
-    kept = [n for n in result.diagnosis.notes if "since the starting model" not in n]
-    diagnosis = replace(result.diagnosis, effects=tuple(named), notes=(*first, *notes, *kept))
+    rest = [n for n in result.diagnosis.notes if "since the starting model" not in n]
+    diagnosis = replace(result.diagnosis, effects=tuple(named), notes=(*first, *notes, *rest))
+    if len(kept) < len(described):
+        diagnosis = _from_the_urdf(diagnosis, result, described)
     return replace(result, diagnosis=diagnosis)
 
 
-def _total(entry: NamedEffect, described: Sequence[Effect]) -> NamedEffect:
-    """``entry`` with its parameters in all, where the URDF has a share in them."""
+def _from_the_urdf(diagnosis: Diagnosis, result: LoopResult, described: Sequence[Effect]) -> Diagnosis:
+    """``diagnosis`` with the errors of the model that the URDF describes, all of it, as those before."""
+    urdf = Model(result.model.robot, tuple(described))
+    parts = {"train": result.train, "test": result.test}
+
+    def began(change: Mapping[str, Change], moving: bool) -> dict[str, Change]:
+        return {
+            name: replace(own, before=Errors.of(rounded(errors_of(urdf, parts[name], moving))))
+            for name, own in change.items()
+        }
+
+    return replace(diagnosis, error=began(diagnosis.error, False), error_moving=began(diagnosis.error_moving, True))
+
+
+def _total(entry: NamedEffect, described: Sequence[Effect], kept: Sequence[Effect]) -> NamedEffect:
+    """``entry`` with its parameters in all, beside those of the URDF; they came on top of what of it was ``kept``."""
     effect = entry.effect
     own = [d for d in described if d.effect == effect.effect and d.joints == effect.joints]
     if not own:
         return entry
-    total = {name: value + own[0].parameters[name] for name, value in effect.parameters.items()}
+    share = own[0].parameters if own[0] in kept else dict.fromkeys(own[0].parameters, 0.0)
+    total = {name: value + share[name] for name, value in effect.parameters.items()}
     shares = {name: {"urdf": own[0].parameters[name], "now": value} for name, value in total.items()}
     return replace(entry, effect=replace(effect, parameters=total), in_all=shares)
 
@@ -87,24 +100,24 @@ def _beside(
     ]
 
 
-def _worse(result: LoopResult, described: Sequence[Effect]) -> list[str]:
-    """Joints whose training error the description's friction makes larger."""
+def _worse(result: LoopResult, described: Sequence[Effect], kept: Sequence[Effect]) -> list[str]:
+    """Joints whose training error the description's friction makes larger, and what of it the loop did without."""
     robot = result.model.robot
-    bare, start = Model(robot), Model(robot, tuple(described))
-
-    def rmse(model: Model) -> np.ndarray:
-        left = np.concatenate([run.tau - predict_run(model, run) for run in result.train])
-        return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
-
-    without, with_it = rmse(bare), rmse(start)
     worse = [
         f"{name} {a:.3g} → {b:.3g} {unit_at('N m', name, robot.prismatic)}"
-        for name, a, b in zip(robot.joint_names, without, with_it, strict=True)
-        if b > 1.02 * a and any(d.joints == (name,) for d in described)
+        for name, (a, b) in harmed(robot, described, result.train).items()
     ]
     if not worse:
         return []
+    gone = [d for d in described if d not in kept]
+    left_out = f"; friction {_each(gone, robot.prismatic)} is left out of the starting model" if gone else ""
     return [
         f"{WORSE}: {', '.join(worse)}; it may be a placeholder: correct it in the URDF, or leave it out with "
-        "--ignore-dynamics"
+        f"--ignore-dynamics{left_out}"
     ]
+
+
+def _each(effects: Sequence[Effect], slides: Sequence[str]) -> str:
+    """The value of each of ``effects``, of one parameter, after its joint."""
+    values = [(e, *next(iter(e.parameters.items()))) for e in effects]
+    return ", ".join(f"{e.joints[0]} {value:g} {unit_of(e, name, slides)}" for e, name, value in values)

@@ -48,6 +48,11 @@ class Errors:
     relative_rmse: tuple[float | None, ...]
     relative_error: float | None
 
+    @classmethod
+    def of(cls, e: Mapping[str, Any]) -> Errors:
+        """Of what :func:`errors_of` gives, or ``diagnosis.json`` holds."""
+        return cls(tuple(e["rmse"]), tuple(e["relative_rmse"]), e["relative_error"])
+
 
 @dataclass(frozen=True)
 class Change:
@@ -222,9 +227,7 @@ _FLAGS = ("motion_dependent", "cannot_tell", "worse_on_test", "untested")
 
 
 def _change_from(pair: Mapping[str, Any]) -> Change:
-    return Change(
-        **{k: Errors(tuple(e["rmse"]), tuple(e["relative_rmse"]), e["relative_error"]) for k, e in pair.items()}
-    )
+    return Change(**{k: Errors.of(e) for k, e in pair.items()})
 
 
 def _change_to(change: Change) -> dict[str, Any]:

@@ -21,6 +21,10 @@ from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.weighing import as_left
 from hybrid_dynamics.robots import Robot
 
+#: Standard errors from which on something is known of one of several parameters, and of the only one: within two of
+#: nothing it may well be nothing, while of several that are sure together each can be unsure.
+OF_SEVERAL, OF_ONE = 1.0, 2.0
+
 
 def known_and_beside(
     judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], unsure: Sequence[Term], fixed: Collection[Term]
@@ -48,8 +52,11 @@ def known_and_beside(
 
 def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:
     """The least sure of the terms of ``effects``, found on ``robot``, of which nothing is known: every parameter lies
-    within its standard error of what it is without. No body: in few poses only sums of its numbers are known."""
-    sizes = {t: published_in_errors(t, e, robot) for t, e in effects.items() if not t.family().is_body}
+    within its standard error of what it is without, the only one within two of them. No body of ten: in few poses only
+    sums of its numbers are known."""
+    asked = {t: e for t, e in effects.items() if not t.family().is_body}
+    least = {t: OF_ONE if len(e.parameters) == 1 else OF_SEVERAL for t, e in asked.items()}
+    sizes = {t: published_in_errors(t, e, robot) / least[t] for t, e in asked.items()}
     nothing = [t for t, size in sizes.items() if size < 1.0]
     return min(nothing, key=lambda t: (sizes[t], repr(t)), default=None)
 
@@ -103,7 +110,9 @@ def _plainer(
         own = [name for name in effect.parameters if name not in plain]
         # A speed at which friction falls by nothing has no error, and is not known either.
         robot, errors = judge.evidence.robot, effect.std_errors
-        sized = [name for name in own if errors.get(name) and published_in_errors(term, effect, robot, [name]) >= 1.0]
+        sized = [
+            name for name in own if errors.get(name) and published_in_errors(term, effect, robot, [name]) >= OF_SEVERAL
+        ]
         if len(sized) == len(own):
             continue
         judge, trials = plainer_forms(judge, out, i, candidates)

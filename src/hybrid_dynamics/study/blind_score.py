@@ -12,6 +12,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, family
 from hybrid_dynamics.files import atomic_path
+from hybrid_dynamics.loop.describe import SILENT
 from hybrid_dynamics.loop.diagnosis import errors_of, moving_rms
 from hybrid_dynamics.loop.model import Model, effect_from_json
 from hybrid_dynamics.loop.process import ProcessSettings, Run, process
@@ -66,6 +67,7 @@ COLUMNS = (
     "runs",
     "rate",
     "velocity",
+    "silent",
 )
 
 
@@ -95,7 +97,7 @@ def score_blind(
     hidden is ``wrong``, or among the ``stand_ins`` where what was hidden is listed with it as doing as well, or among
     ``other_laws`` where a form that the catalogue does not have is another law of that effect (LuGre's friction of
     presliding hysteresis); ``nothing_wrong_named`` holds where there is none of the three.
-    ``alternatives``: how many other explanations are listed.
+    ``alternatives``: how many other explanations are listed; ``silent``: joints whose torque never changes.
     """
     runs = [process(t, robot, settings or ProcessSettings()) for t in test]
     own = [process(t, robot, settings or ProcessSettings()) for t in train]
@@ -168,6 +170,7 @@ def score_blind(
         "runs": truth.get("runs", len(train)),
         "rate": truth.get("rate", 1.0 / train[0].dt),
         "velocity": truth.get("velocity", "dq" in train[0]),
+        "silent": " ".join(j["joint"] for j in diagnosis["not_identifiable"] if j["why"].startswith(SILENT)),
     }
 
 
@@ -177,6 +180,7 @@ def _unanswered(robot: Robot, runs: Sequence[Run]) -> dict[str, Any]:
     return {
         "verdict": REFUSED,
         "effects": [],
+        "not_identifiable": [],
         "noise_floor": moving,
         "error": {"test": {"after_confirmed": {"rmse": plain}}},
         "error_moving": {"test": {"before": {"rmse": moving}, "after_confirmed": {"rmse": moving}}},

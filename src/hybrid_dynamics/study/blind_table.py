@@ -36,7 +36,7 @@ EFFECT_COLUMNS = (
 
 #: Columns whose cells hold one entry a hidden effect, or a name each.
 PER_EFFECT = ("hidden", "hidden_joints", "sizes", "outcomes", "parameter_errors", "checked", "within")
-LISTS = (*PER_EFFECT, "named", "named_joints", "unknown_forms", "wrong", "stand_ins", "other_laws")
+LISTS = (*PER_EFFECT, "named", "named_joints", "unknown_forms", "wrong", "stand_ins", "other_laws", "silent")
 
 
 def read_cases(path: Path) -> pd.DataFrame:
@@ -63,6 +63,11 @@ def clean(cases: pd.DataFrame) -> pd.Series:
 def strange(cases: pd.DataFrame) -> pd.Series:
     """Cases that hold a form the catalogue does not have."""
     return cases["unknown_forms"].map(lambda forms: len(words(forms)) > 0)
+
+
+def silent(cases: pd.DataFrame) -> pd.Series:
+    """Cases in which the torque of a joint never changes: nothing can be said of it, so nothing is all clear."""
+    return cases["silent"].map(lambda joints: len(words(joints)) > 0)
 
 
 def effects_of(cases: pd.DataFrame) -> pd.DataFrame:
@@ -139,6 +144,7 @@ __all__ = [
     "found",
     "missing",
     "pairs",
+    "silent",
     "strange",
     "truth",
     "words",
