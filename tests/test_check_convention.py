@@ -14,7 +14,8 @@ from hybrid_dynamics.check.forms import Fit, Forms
 from hybrid_dynamics.check.guess import Guess, few_rows
 from hybrid_dynamics.check.samples import stretches
 from hybrid_dynamics.check.suggestion import combined
-from hybrid_dynamics.check.torque import _units, check_torque
+from hybrid_dynamics.check.torque import check_torque
+from hybrid_dynamics.check.units import check_unit
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation
@@ -252,8 +253,8 @@ def test_a_unit_is_told_by_most_joints_not_by_one_of_two():
         return Fit(0.1, np.array([alpha, 0.0, 0.0, 0.0, 0.0]), 10.0)
 
     free = np.zeros(2, bool)
-    assert _units(["a", "b"], [fit(0.0086), fit(0.92)], free) == []
-    (found,) = _units(["a", "b"], [fit(1e-3), fit(1.1e-3)], free)
+    assert check_unit(["a", "b"], [fit(0.0086), fit(0.92)], free) == []
+    (found,) = check_unit(["a", "b"], [fit(1e-3), fit(1.1e-3)], free)
     assert found.code == "torque_unit"
     assert found.severity == "hard"
 

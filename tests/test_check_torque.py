@@ -204,7 +204,7 @@ def test_a_unit_is_named(panda, run, factor, cure):
 def test_a_torque_on_the_motors_side_is_told_with_its_factors(panda, run):
     findings, _ = check_torque(panda, [run.with_signals(tau=run["tau"] / np.linspace(100, 50, 7))])
     assert [(f.severity, f.code) for f in findings] == [("hard", "torque_unit")]
-    assert "gear ratio; factors by joint: panda_joint" in findings[0].text
+    assert "gear_ratio); factors by joint: panda_joint" in findings[0].text
     assert findings[0].suggestion == {}
 
 

@@ -14,6 +14,7 @@ from hybrid_dynamics.loop import LoopSettings
 from hybrid_dynamics.loop.blackbox import _trees
 from hybrid_dynamics.loop.boxes import _jumps
 from hybrid_dynamics.loop.contact import _spread
+from hybrid_dynamics.loop.describe import _unbelievable
 from hybrid_dynamics.loop.described import _beside, _worse
 from hybrid_dynamics.loop.floor import examine
 from hybrid_dynamics.loop.further import further_beside
@@ -274,3 +275,14 @@ def test_a_motor_that_sees_two_joints_brakes_both(which, sign):
     own = Effect("joint_coupling", ("shoulder",), parameters, {**settings, "rows": "own", "sign_of": "partner"})
     assert np.all(np.isneginf(kind.lower_bounds(robot, own.term(robot))))
     assert kind.coordinates_of(parameters, robot, own.term(robot)) == pytest.approx(list(parameters.values()))
+
+
+@pytest.mark.parametrize(("gain", "told"), [(0.5, True), (0.7, False), (1.5, False), (6.9, True)])
+def test_a_gain_that_no_drive_has_is_told_with_what_it_may_be(gain, told):
+    effect = Effect("torque_gain", ("elbow",), {"gain": gain})
+    lines = _unbelievable(arm(), effect.term(arm()), effect)
+    assert [f"torque_gain of elbow: gain is {gain:.3g}" in line and "another unit" in line for line in lines] == (
+        [True] * told
+    )
+    dry = Effect("coulomb_friction", ("elbow",), {"coulomb_torque": 6.9})
+    assert _unbelievable(arm(), dry.term(arm()), dry) == []

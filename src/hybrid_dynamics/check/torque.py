@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_dynamics.check.columns import Columns, OfRun, columns_of, standing
 from hybrid_dynamics.check.completed import Completed, body_of, true_stretches
@@ -35,6 +33,7 @@ from hybrid_dynamics.check.guess import (
 from hybrid_dynamics.check.order import places
 from hybrid_dynamics.check.pulled import body_leaves, spring_leaves
 from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch
+from hybrid_dynamics.check.units import MAX_SCALE, check_own_units, check_unit
 from hybrid_dynamics.check.weight import check_weight
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -47,10 +46,6 @@ BOTH_WAYS, MOSTLY = 0.05, 0.5
 HEAVIER = 3.0
 #: A run is looked at alone where it leaves this much more of a joint's mean square than the best run.
 OUTVOTED = 0.3
-#: A torque that is this many times too large or small against the model is in another unit.
-MAX_SCALE = 8.0
-#: Joints whose modelled torque reaches this share of the largest have a say about the unit.
-STRONG = 0.15
 #: Delays [s]: told, doubted, refused. Shorter ones are for the loop to name.
 DELAY_TOLD, DELAY_DOUBTED, DELAY_REFUSED = 0.01, 0.03, 0.08
 #: Up to this angle [rad] gravity may seem to be turned by links whose masses or centres of mass are off.
@@ -59,12 +54,6 @@ WEIGHED_WRONGLY = np.deg2rad(40.0)
 MOST_JOINTS = 0.7
 #: A rotor this many times the inertia of all that its joint moves is none.
 HEAVIEST = 30.0
-#: Units by the power of ten a torque in them is too large.
-_UNITS: dict[int, tuple[str, dict[str, Any]]] = {
-    3: ("N mm", {"units": {"tau": "Nmm"}}),
-    2: ("N cm", {"gain": {"tau": [0.01]}}),
-    -3: ("kN m", {"units": {"tau": "kNm"}}),
-}
 
 
 def check_torque(
@@ -112,7 +101,10 @@ def check_torque(
             spring_leaves(columns, q[:, j], best.gravity, j, agreeing) <= min(f.left, SETTLED)
             for j, f in enumerate(fits)
         ]
-        findings += _units(names, fits, np.array(pulled))
+        unit = check_unit(names, fits, np.array(pulled))
+        if not unit and best.reads_as_told and best.pace == 1.0:
+            unit = check_own_units(robot, parts, columns, best.gravity, fits)
+        findings += unit
         if best.pace == 1.0:
             findings += _rotors(robot, parts, forms, best)
         findings += _delay(robot, columns, parts, best)
@@ -333,38 +325,6 @@ def _mounting(robot: Robot, told: Guess, best: Guess, fixed: bool) -> list[Findi
             "says look the same: close-loop asks for both"
         )
     return [Finding("mounting", "note", text)]
-
-
-def _units(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.bool_]) -> list[Finding]:
-    """A unit is called wrong only where most joints that the model says much about agree; not by joints ``pulled``
-    (n,), of which a spring explains as much."""
-    alpha = np.array([f.coefficients[0] for f in fits])
-    rigid = np.array([f.rigid for f in fits])
-    strong = (rigid >= STRONG * max(float(rigid.max()), 1e-12)) & (alpha > 0)
-    strong &= np.array([f.left < EXPLAINED for f in fits])
-    off = strong & ~pulled & ((alpha > MAX_SCALE) | (alpha < 1 / MAX_SCALE))
-    # One of two may be friction and a little of something else.
-    if not off.any() or 2 * off.sum() <= strong.sum():
-        return []
-    factors = alpha[strong]
-    typical = float(np.exp(np.median(np.log(factors))))
-    spread = float(np.max(np.abs(np.log(factors / typical))))
-    power = round(float(np.log10(typical)))
-    named = _UNITS.get(power) if abs(np.log10(typical) - power) < 0.3 and spread < np.log(3) else None
-    j = int(np.argmax(off))
-    each = ", ".join(f"{names[k]} {alpha[k]:.3g}" for k in map(int, np.flatnonzero(strong)))
-    if named:
-        told = f"it looks like {named[0]}: convert it"
-        cure = named[1]
-    else:
-        told = (
-            "convert the unit: a motor current needs torque constant times gear ratio, a torque on the motor's side "
-            f"the gear ratio; factors by joint: {each}; positions that are not in rad look so, too, and in slow motion "
-            "a torque without the weight of the links (gravity: compensated in the log.yaml)"
-        )
-        cure = {}
-    text = f"measured torque is {alpha[j]:.3g} times the model's on joint {j + 1}; expected N m at the joint; {told}"
-    return [Finding("torque_unit", "hard", text, joint=names[j], suggestion=cure)]
 
 
 def _delay(robot: Robot, columns: Columns, parts: Sequence[Stretch], best: Guess) -> list[Finding]:

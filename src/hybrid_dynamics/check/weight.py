@@ -116,7 +116,8 @@ def check_weight(columns: Columns, gravity: Array, tilted: bool = False) -> list
         text = (
             f"the torque holds neither the weight nor the inertia of the links ({found.weight[k]:.1%} and "
             f"{found.motion:.1%} of them): it looks like what a model has left of it, an external torque, or like that"
-            " of another arm; expected the torque that the drive delivers, or that of a joint torque sensor"
+            " of another arm; expected the torque that the drive delivers, or that of a joint torque sensor; a "
+            "motor current needs torque constant times gear ratio (torque_constant in a log.yaml)"
         )
         return [Finding("torque_links", "hard", text)]
     if found.twice:

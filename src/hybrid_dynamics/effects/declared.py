@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import ClassVar
 
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Scope, Settings, Variable
@@ -80,6 +82,8 @@ class Declared:
     changes_body: ClassVar[bool] = False
     #: True where the columns are constants times ``Motion.regressor``: smoothed once, it serves all such effects.
     by_regressor: ClassVar[bool] = False
+    #: Parameters beyond which something else is wrong, and what (one clause).
+    believable: ClassVar[Mapping[str, tuple[float, float, str]]] = MappingProxyType({})
     #: The variable a residual is drawn against so that the effect shows.
     drawn_against: ClassVar[Variable] = "dq"
     #: What motion shows this effect as itself (one clause, follows "a motion in which").

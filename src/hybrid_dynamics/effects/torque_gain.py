@@ -7,6 +7,7 @@ or one gain for all joints together (no joint is named; it counts once).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,9 @@ class TorqueGain(Family):
     nonlinear = True
     uses_torque = True
     changes_reading = True
+    believable = MappingProxyType(
+        {"gain": (0.51, 2.0, "its torque may be in another unit than the model expects, or than the other joints'")}
+    )
     drawn_against = "load"
     shown_by = "the joint carries very different loads at rest, in both directions, and the joints before it too"
     equivalent_to = (

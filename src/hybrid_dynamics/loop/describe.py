@@ -69,7 +69,7 @@ def describe_result(
             lines.append(f"{term.effect}{_where(robot, term)}: {which} differ between runs beyond their uncertainty")
         if changed := _in_all(base, effect):
             entry["in_all"] = changed
-        lines += _change(effect, changed, robot.prismatic)
+        lines += [*_change(effect, changed, robot.prismatic), *_unbelievable(robot, term, effect)]
         entry["test_rmse_before"] = [float(v) for v in rms[k]]
         entry["test_rmse_after"] = [float(v) for v in rms[k + 1]]
         entry |= _confirmed(robot, term, said, outside, entry, len(logs.train))
@@ -253,6 +253,16 @@ def _change(effect: Effect, in_all: Mapping[str, Mapping[str, float]], slides: S
         f"{effect.effect} of {where}: {name} changed from {ends['start']:.4g} to {ends['now']:.4g} "
         f"{unit_of(effect, name, slides)} since the starting model"
         for name, ends in in_all.items()
+    ]
+
+
+def _unbelievable(robot: Robot, term: Term, effect: Effect) -> list[str]:
+    """A line for each parameter of ``effect`` that is larger or smaller than such a thing is."""
+    return [
+        f"{effect.effect}{_where(robot, term) or ' of all joints'}: {name} is {effect.parameters[name]:.3g}; expected "
+        f"{low:g} to {high:g}: {why}"
+        for name, (low, high, why) in term.family().believable.items()
+        if not low <= effect.parameters[name] <= high
     ]
 
 

@@ -25,6 +25,8 @@ from hybrid_dynamics.types import Array, Notify
 LAYOUT = "time,q1..qn[,dq1..dqn],tau1..taun"
 #: Suffixes of Parquet files, in either case.
 PARQUET = (".parquet", ".pq")
+#: What others call the time.
+_TIMES = ("t", "time", "timestamp", "stamp", "time_s", "seconds", "secs")
 MAX_STEP = 0.5
 SUSPICIOUS_ANGLE = 30.0
 #: A log of few samples is too slow rather than too short below this rate [Hz].
@@ -156,9 +158,9 @@ def _load_csv(file: Path) -> pa.Table:
         raise InputError(f"{file}: row 1: no comma in {header[:40]!r}; expected a comma-separated header {LAYOUT}")
     names = [field.strip().strip('"') for field in header.split(mark)]
     if "time" not in names:
-        raise InputError(
-            f"{file}: row 1: column 'time' is missing in {header[:40]!r}; expected {LAYOUT} (or --columns)"
-        )
+        other = next((name for name in names if name.lower() in _TIMES), None)
+        remedy = "or --columns" if other is None else f"or --columns time={other}"
+        raise InputError(f"{file}: row 1: column 'time' is missing in {header[:40]!r}; expected {LAYOUT} ({remedy})")
     twice = sorted({field for field in names if names.count(field) > 1})
     if twice:
         raise InputError(f"{file}: column {twice[0]!r} stands twice in the header; expected {LAYOUT}")

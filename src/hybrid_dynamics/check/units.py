@@ -1,0 +1,193 @@
+"""In which unit is the torque? All joints in another one, or each joint in its own, as motor currents are.
+
+A unit for all is told by how many times the model's torque is measured. Where every joint has its own - a motor current
+is its joint's torque over torque constant and gear ratio - each factor alone may look like links that are lighter or
+heavier than the URDF says. What tells them is that the same links load several joints: no links at all, whatever they
+weigh and wherever their centres of mass are, make such torques together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import pinvh
+
+from hybrid_dynamics.check.columns import Columns
+from hybrid_dynamics.check.findings import Finding
+from hybrid_dynamics.check.forms import Fit
+from hybrid_dynamics.check.guess import EXPLAINED
+from hybrid_dynamics.check.samples import Stretch
+from hybrid_dynamics.robots import Robot
+from hybrid_dynamics.types import Array
+
+#: A torque that is this many times too large or small against the model is in another unit.
+MAX_SCALE = 8.0
+#: Joints whose modelled torque reaches this share of the largest have a say about the unit.
+STRONG = 0.15
+#: Units by the power of ten a torque in them is too large.
+_UNITS: dict[int, tuple[str, dict[str, Any]]] = {
+    3: ("N mm", {"units": {"tau": "Nmm"}}),
+    2: ("N cm", {"gain": {"tau": [0.01]}}),
+    -3: ("kN m", {"units": {"tau": "kNm"}}),
+}
+#: What brings a torque to N m, as the findings say it.
+CURE = (
+    "a motor current needs torque constant times gear ratio (torque_constant in a log.yaml), a torque on the motor's "
+    "side the gear ratio (motor_side, gear_ratio)"
+)
+#: A joint has a say about units of their own where links leave, with a factor of its own, less than the first share of
+#: what friction and the like leave of its torque (mean square), and where that is more than the second of all (rms).
+SETTLED, SAYS = 0.2, 0.1
+#: In one unit links leave this share more of a joint's, and of all of them so many times what they do with a factor a
+#: joint, which is at least the third. Of 400 simulated logs of one unit, with all the catalogue hidden in them, none
+#: with factors that are apart comes to 1.3 times; of 100 with factors up to 20 apart four fifths come to twice.
+LEFT, TIMES, LEAST = 0.03, 2.0, 1e-3
+#: Factors this far apart are no gains of a drive; joints off the typical factor by the second are off.
+APART, OFF = 3.0, 1.5
+#: Rows looked at; rounds in which factors and links are found in turn.
+ROWS, ROUNDS = 1500, 100
+#: Directions of the links' parameters that show less than this share of the clearest are not determined.
+_UNSEEN = 1e-11
+
+
+def check_unit(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.bool_]) -> list[Finding]:
+    """A unit is called wrong only where most joints that the model says much about agree; not by joints ``pulled``
+    (n,), of which a spring explains as much."""
+    alpha = np.array([f.coefficients[0] for f in fits])
+    rigid = np.array([f.rigid for f in fits])
+    strong = (rigid >= STRONG * max(float(rigid.max()), 1e-12)) & (alpha > 0)
+    strong &= np.array([f.left < EXPLAINED for f in fits])
+    off = strong & ~pulled & ((alpha > MAX_SCALE) | (alpha < 1 / MAX_SCALE))
+    # One of two may be friction and a little of something else.
+    if not off.any() or 2 * off.sum() <= strong.sum():
+        return []
+    factors = alpha[strong]
+    typical = float(np.exp(np.median(np.log(factors))))
+    spread = float(np.max(np.abs(np.log(factors / typical))))
+    power = round(float(np.log10(typical)))
+    named = _UNITS.get(power) if abs(np.log10(typical) - power) < 0.3 and spread < np.log(3) else None
+    j = int(np.argmax(off))
+    each = ", ".join(f"{names[k]} {alpha[k]:.3g}" for k in map(int, np.flatnonzero(strong)))
+    if named:
+        told = f"it looks like {named[0]}: convert it"
+        cure = named[1]
+    else:
+        told = (
+            f"convert the unit: {CURE}; factors by joint: {each}; positions that are not in rad look so, too, and in "
+            "slow motion a torque without the weight of the links (gravity: compensated in the log.yaml)"
+        )
+        cure = {}
+    text = f"measured torque is {alpha[j]:.3g} times the model's on joint {j + 1}; expected N m at the joint; {told}"
+    return [Finding("torque_unit", "hard", text, joint=names[j], suggestion=cure)]
+
+
+def check_own_units(
+    robot: Robot,
+    parts: Sequence[Stretch],
+    columns: Columns,
+    gravity: Array,
+    fits: Sequence[Fit],
+) -> list[Finding]:
+    """Torques each in a unit of its own: links of any mass and any centre leave much of them, and with a factor a joint
+    next to nothing.
+
+    ``columns`` are those of ``parts``, ``fits`` how often each joint's torque holds the model's. One joint that is off
+    by itself, and not beyond all proportion, may lack something else.
+    """
+    shown = _Shown.of(robot, parts, columns, gravity)
+    one = shown.left(np.ones(len(shown.joints)))
+    if len(shown.joints) < 2 or one.max(initial=0.0) < LEFT:
+        return []
+    start = np.array([max(fits[j].coefficients[0], 1e-6) for j in shown.joints])
+    factors = shown.factors(start / np.exp(np.log(start).mean()))
+    own = shown.left(factors)
+    says = (own < SETTLED) & (shown.share > SAYS)
+    worse = np.where(says, one - own, 0.0)
+    better = one[says].sum() > TIMES * max(float(own[says].sum()), LEAST)
+    if says.sum() < 2 or worse.max() < LEFT or not better or np.ptp(np.log(factors[says])) < np.log(APART):
+        return []
+    typical = float(np.median(np.log(factors[says])))
+    off = says & (np.abs(np.log(factors) - typical) > np.log(OFF))
+    certain = (off.sum() > 1 and says.sum() > 2) or np.ptp(np.log(factors[says])) > np.log(MAX_SCALE)
+    most = int(np.argmax(worse))
+    each = ", ".join(
+        f"{robot.joint_names[shown.joints[i]]} {fits[shown.joints[i]].coefficients[0]:.3g}"
+        for i in np.flatnonzero(says)
+    )
+    text = (
+        f"the torques are not in one unit: whatever the links weigh, {one[most]:.0%} of what friction and springs do "
+        f"not make of {robot.joint_names[shown.joints[most]]}'s is left, and {own[most]:.1%} where each joint is read "
+        f"with a factor of its own; expected N m at the joint: {CURE}; how many times the model's torque is measured: "
+        f"{each}"
+    )
+    if not certain:
+        text = f"it looks as if {text}; one joint alone may lack something else: a spring, a coupling to another joint"
+    return [Finding("torque_unit", "hard" if certain else "warning", text)]
+
+
+class _Shown:
+    """What friction, rotor, offset, a spring and what the model has beside leave of each joint's torque, of size one,
+    and what links could make of it; ``share`` of the torque (rms) that is."""
+
+    def __init__(self, joints: list[int], share: Array, grams: Array, products: Array) -> None:
+        self.joints = joints
+        self.share = share
+        self._grams = grams
+        self._products = products
+
+    @classmethod
+    def of(cls, robot: Robot, parts: Sequence[Stretch], columns: Columns, gravity: Array) -> _Shown:
+        rows = np.unique(np.linspace(0, len(columns.tau) - 1, min(ROWS, len(columns.tau))).astype(int))
+        q, dq, ddq = (np.concatenate([getattr(p, s) for p in parts])[rows] for s in ("q", "dq", "ddq"))
+        standing = robot.copy()
+        standing.model.gravity.linear = gravity
+        regressor = standing.regressor(q, dq, ddq)
+        joints, share, grams, products = [], [], [], []
+        for j in range(robot.n_joints):
+            spring = np.column_stack([q[:, j], np.sin(q[:, j]), np.cos(q[:, j])])
+            beside = np.column_stack([columns.free(j)[rows], columns.beside[rows, j], spring])
+            basis, size, _ = np.linalg.svd(
+                beside / np.maximum(np.linalg.norm(beside, axis=0), 1e-300), full_matrices=False
+            )
+            basis = basis[:, size > 1e-9]
+            torque = columns.tau[rows, j] - columns.tau[rows, j].mean()
+            left, links = (x - basis @ (basis.T @ x) for x in (columns.tau[rows, j], regressor[:, j]))
+            norm, whole = float(np.linalg.norm(left)), float(np.linalg.norm(torque))
+            if norm <= 1e-9 * whole or whole == 0.0 or np.linalg.norm(links) <= 1e-9 * np.linalg.norm(regressor[:, j]):
+                continue
+            joints.append(j)
+            share.append(norm / whole)
+            grams.append(links.T @ links / norm**2)
+            products.append(links.T @ left / norm**2)
+        count = regressor.shape[2]
+        return cls(joints, np.array(share), np.reshape(grams, (-1, count, count)), np.reshape(products, (-1, count)))
+
+    def _links(self, factors: Array) -> Array:
+        """Parameters (10 n,) of the links that explain most where torque is ``factors`` (m,) times that in N m."""
+        gram = np.einsum("m,mij->ij", factors**2, self._grams)
+        return np.asarray(pinvh(gram, rtol=_UNSEEN) @ (factors @ self._products))
+
+    def left(self, factors: Array) -> Array:
+        """(m,) share of each joint's mean square that the best links leave."""
+        if not self.joints:
+            return np.zeros(0)
+        links = self._links(factors)
+        made = np.einsum("i,mij,j->m", links, self._grams, links)
+        return np.asarray(np.maximum(1.0 - 2.0 * factors * (self._products @ links) + factors**2 * made, 0.0))
+
+    def factors(self, start: Array) -> Array:
+        """(m,) that leave least: links and factors in turn, from ``start``; their geometric mean is one."""
+        out = start
+        for _ in range(ROUNDS):
+            links = self._links(out)
+            made = np.einsum("i,mij,j->m", links, self._grams, links)
+            new = np.maximum((self._products @ links) / np.maximum(made, 1e-300), 1e-6)
+            new /= np.exp(np.log(new).mean())
+            settled = np.max(np.abs(np.log(new / out))) < 1e-3
+            out = new
+            if settled:
+                break
+        return out

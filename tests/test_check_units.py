@@ -1,0 +1,99 @@
+"""Torques each in a unit of its own, as motor currents are: no links make them together; and what is not that."""
+
+import numpy as np
+import pytest
+
+from hybrid_dynamics.check.findings import Finding
+from hybrid_dynamics.check.torque import check_torque
+from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.simulation.excitation import excitation
+from hybrid_dynamics.trajectory import Trajectory
+
+JOINTS = [f"panda_joint{j}" for j in range(1, 8)]
+#: N m per ampere of three sizes of motors and their gears.
+MOTORS = np.array([12.0, 12.0, 10.0, 4.0, 4.0, 2.5, 2.5])
+FRICTION = [
+    *(Effect("coulomb_friction", (j,), {"coulomb_torque": 0.5}) for j in JOINTS),
+    *(Effect("viscous_friction", (j,), {"viscous_coefficient": 0.8}) for j in JOINTS),
+]
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return Robot.from_urdf(find_description("panda.urdf"), ("panda_finger_joint1", "panda_finger_joint2"))
+
+
+def recorded(robot: Robot, effects: list[Effect]) -> Trajectory:
+    log = excitation(robot, effects, duration=16.0, rate=200.0)
+    noise = np.random.default_rng(5).normal(size=log["tau"].shape)
+    return log.with_signals(tau=log["tau"] + 0.05 * noise)
+
+
+@pytest.fixture(scope="module")
+def run(panda: Robot) -> Trajectory:
+    return recorded(panda, FRICTION)
+
+
+def units(robot: Robot, log: Trajectory) -> list[Finding]:
+    return [f for f in check_torque(robot, [log])[0] if f.code == "torque_unit"]
+
+
+@pytest.mark.parametrize("scale", [2.0, 4.0, 8.0])
+def test_motor_currents_are_told_where_each_might_be_a_lighter_link(panda, run, scale):
+    # From a sixth to three times the model's: no factor is out of proportion by itself.
+    (found,) = units(panda, run.with_signals(tau=run["tau"] * scale / MOTORS))
+    assert found.severity == "hard"
+    assert not found.suggestion
+    assert "torque_constant" in found.text
+
+
+def test_the_factors_told_are_those_of_the_motors(panda, run):
+    (found,) = units(panda, run.with_signals(tau=run["tau"] * 2.0 / MOTORS))
+    told = found.text.rsplit("is measured: ", 1)[1].split(", ")
+    factors = {name: float(value) for name, value in (entry.split() for entry in told)}
+    assert len(factors) >= 4
+    for name, factor in factors.items():
+        assert factor == pytest.approx(2.0 / MOTORS[JOINTS.index(name)], rel=0.1)
+
+
+def test_currents_of_an_arm_whose_links_weigh_otherwise_are_told_too(panda):
+    tool = Term("payload")
+    numbers = tool.family().parameters_of(np.r_[3.0, 0.1, 0.0, 0.4, 0.06, 0.06, 0.03, 0.0, 0.0, 0.0], panda, tool)
+    log = recorded(panda, [*FRICTION, Effect("payload", (), numbers)])
+    (found,) = units(panda, log.with_signals(tau=log["tau"] / MOTORS))
+    assert found.severity == "hard"
+
+
+@pytest.mark.parametrize("factor", [0.4, 1.0, 2.5])
+def test_one_unit_for_all_is_none_of_its_own_whatever_the_links_weigh(panda, run, factor):
+    # A URDF of another density, or a gain of all joints.
+    assert units(panda, run.with_signals(tau=run["tau"] * factor)) == []
+
+
+def test_a_heavy_tool_springs_and_gains_are_no_units(panda):
+    tool = Term("payload")
+    numbers = tool.family().parameters_of(np.r_[6.0, 0.3, 0.0, 1.2, 0.3, 0.3, 0.1, 0.0, 0.0, 0.0], panda, tool)
+    springs = [
+        Effect("joint_spring", (JOINTS[j],), {"stiffness": k, "rest_position": 0.2}, {"shape": "sine"})
+        for j, k in ((1, 40.0), (3, 15.0))
+    ]
+    gains = [Effect("torque_gain", (JOINTS[j],), {"gain": k}) for j, k in ((1, 1.4), (3, 0.7))]
+    for effects in ([Effect("payload", (), numbers)], springs, gains):
+        assert units(panda, recorded(panda, [*FRICTION, *effects])) == []
+
+
+@pytest.mark.parametrize(("factor", "severity"), [(4.0, "warning"), (0.2, "warning"), (12.0, "hard")])
+def test_one_joint_alone_is_refused_only_beyond_all_proportion(panda, run, factor, severity):
+    other = np.where(np.arange(7) == 3, factor, 1.0)
+    (found,) = units(panda, run.with_signals(tau=run["tau"] * other))
+    assert found.severity == severity
+    assert ("one joint alone may lack something else" in found.text) == (severity == "warning")
+
+
+def test_a_joint_whose_torque_is_silent_has_no_say(panda, run):
+    tau = 2.0 * run["tau"] / MOTORS
+    tau[:, 6] = 0.0
+    (found,) = units(panda, run.with_signals(tau=tau))
+    assert found.severity == "hard"
+    assert JOINTS[6] not in found.text.rsplit("is measured: ", 1)[1]
