@@ -20,6 +20,7 @@ from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.check.weight import without_weight
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.readers.glitches import MANY, repair, told
+from hybrid_dynamics.readers.jumps import find_jumps
 from hybrid_dynamics.readers.resample import NO_STRETCH, resample
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -69,7 +70,7 @@ def checked(
         mended.append(clean)
     findings += _not_finite(mended)
     _stop(findings, refuse)
-    findings += check_angles(body, mended)
+    findings += [*check_angles(body, mended), *_jumps(body, mended)]
     if any(f.severity == "hard" for f in findings):
         _stop(findings, refuse)
         return Checked(
@@ -99,6 +100,23 @@ def checked(
     findings = _once(findings)
     _stop(findings, refuse)
     return Checked(tuple(first), tuple(second), tuple(ordered(findings)), gravity)
+
+
+def _jumps(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
+    """Runs that are two, since their positions go on elsewhere; logs that are read from files are split there."""
+    return [
+        Finding(
+            "jump",
+            "hard",
+            f"position jumps by {jump.size:.3g} from one sample to the next at t = {run.time[jump.row]:.6g} s and "
+            "stays there: two recordings in one, or time that was not recorded; expected one recording a run: split it "
+            "there",
+            run=run.name,
+            joint=robot.joint_names[jump.joint],
+        )
+        for run in runs
+        for jump in find_jumps(run)
+    ]
 
 
 def checked_log(model: Robot | Completed, log: Trajectory, refuse: bool = True) -> tuple[Trajectory, list[Finding]]:

@@ -9,13 +9,13 @@ error at 10 % lost samples.)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hybrid_dynamics.errors import require
+from hybrid_dynamics.readers.jumps import find_jumps, stretches_between
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
 
@@ -69,13 +69,13 @@ def resample(
 ) -> list[Trajectory]:
     """``trajectory`` (strictly increasing stamps) on a uniform grid; several parts where gaps are too long.
 
-    A run in one part keeps its name; parts are called ``name.part1``, ``name.part2`` ... ``notify`` is told the grid
-    and every gap.
+    So it is where positions jump (:mod:`.jumps`). A run in one part keeps its name; parts are called ``name.part1``,
+    ``name.part2`` ... ``notify`` is told the grid, every gap and every jump.
     """
     settings = settings or ResampleSettings()
     tell = notify or (lambda message: None)
-    cuts = find_gaps(trajectory.time, settings)
-    bounds = np.concatenate([[0], cuts + 1, [len(trajectory.time)]])
+    cuts, jumps = find_gaps(trajectory.time, settings), find_jumps(trajectory) if "q" in trajectory else []
+    jumps = [jump for jump in jumps if jump.row not in cuts]
     dt = settings.dt or round(float(np.median(np.diff(trajectory.time))), 9)
     for k in cuts:
         start, end = trajectory.time[k], trajectory.time[k + 1]
@@ -83,9 +83,16 @@ def resample(
             f"{trajectory.name}: no samples for {end - start:.3g} s after t = {start:.6g} s (row {k + 1}), too long to "
             f"interpolate (more than {settings.max_gap:g} s and {settings.max_gap_samples} samples): run split there"
         )
+    for jump in jumps:
+        still = f", after {jump.row - jump.held} rows that repeat one" if jump.row > jump.held else ""
+        tell(
+            f"{trajectory.name}: q{jump.joint + 1} jumps by {jump.size:.3g} from one sample to the next at t = "
+            f"{trajectory.time[jump.row]:.6g} s (row {jump.row + 1}){still}: two recordings in one, or time that was "
+            "not recorded: run split there"
+        )
     parts: list[Trajectory] = []
-    for first, last in pairwise(bounds):
-        if len(cuts) and last - first < settings.min_rows:
+    for first, last in stretches_between(len(trajectory.time), cuts, jumps):
+        if len(cuts) + len(jumps) and last - first < settings.min_rows:
             tell(
                 f"{trajectory.name}: rows {first + 1} to {last} left out (fewer than {settings.min_rows} in one piece)"
             )
