@@ -10,11 +10,11 @@ from scipy.signal.windows import hann
 from tests.small_arm import arm
 
 from hybrid_dynamics.effects import Effect, Term, family, predict
-from hybrid_dynamics.loop import LoopSettings
+from hybrid_dynamics.loop import LoopSettings, close_loop
 from hybrid_dynamics.loop.blackbox import _trees
 from hybrid_dynamics.loop.boxes import _jumps
 from hybrid_dynamics.loop.contact import _spread
-from hybrid_dynamics.loop.describe import _unbelievable
+from hybrid_dynamics.loop.describe import _no_better, _unbelievable
 from hybrid_dynamics.loop.described import _beside, _worse
 from hybrid_dynamics.loop.floor import examine
 from hybrid_dynamics.loop.further import further_beside
@@ -24,6 +24,7 @@ from hybrid_dynamics.loop.paths import _finer
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel, least_rows, process
 from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop_report.words import other_notes, told_first
 from hybrid_dynamics.simulation.excitation import excitations
 
 
@@ -286,3 +287,33 @@ def test_a_gain_that_no_drive_has_is_told_with_what_it_may_be(gain, told):
     )
     dry = Effect("coulomb_friction", ("elbow",), {"coulomb_torque": 6.9})
     assert _unbelievable(arm(), dry.term(arm()), dry) == []
+
+
+def test_a_joint_that_a_constant_predicts_as_well_is_told_before_the_numbers():
+    useless, held_out = np.array([False, True]), np.array([0.2, 1.3])
+    (line,) = _no_better(arm(), useless, held_out)
+    assert "elbow (rmse 1.3 of its spread)" in line
+    assert "shoulder" not in line
+    assert told_first({"notes": ["something else", line]}) == [line]
+    assert other_notes({"notes": ["something else", line]}) == ["something else"]
+    assert _no_better(arm(), np.array([False, False]), held_out) == []
+
+
+@pytest.mark.parametrize("wrong", [True, False])
+def test_a_torque_that_is_not_of_the_motion_is_told_as_that(wrong):
+    train, test = excitations(
+        arm(),
+        [Effect("viscous_friction", ("shoulder",), {"viscous_coefficient": 3.0})],
+        train=2,
+        test=1,
+        duration=8.0,
+        rate=200.0,
+    )
+    # The elbow's torque of another time: smooth, of the right size, and of no use.
+    late = [
+        r.with_signals(tau=np.column_stack([r["tau"][:, 0], np.roll(r["tau"][:, 1], 500)])) for r in [*train, *test]
+    ]
+    runs = late if wrong else [*train, *test]
+    notes = close_loop(arm(), runs[:2], runs[2:], LoopSettings(effects=("viscous_friction",))).diagnosis.notes
+    told = [n for n in notes if n.startswith("a constant would predict")]
+    assert ["elbow" in n and "shoulder" not in n for n in told] == [True] * wrong

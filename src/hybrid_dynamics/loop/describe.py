@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.together import added_up
@@ -30,6 +31,10 @@ from hybrid_dynamics.types import Array
 
 #: Why a joint's effects are not sought: it does not move, or its torque says nothing.
 STILL, SILENT = "the joint never moves", "its torque never changes"
+#: Relative held-out rmse from which on a constant would have predicted as well, where that is so many times what
+#: second differences call noise; and how the note on it begins.
+CONSTANT, BEYOND = 0.9, 2.0
+NO_BETTER = "a constant would predict the test runs' torque as well"
 
 
 def describe_result(
@@ -106,7 +111,17 @@ def describe_result(
             f"{robot.joint_names[j]}: the test runs leave {carried.times[j]:.3g} times as much as the training runs: "
             "the model does not carry over to them; learn from runs that move as they do"
         )
-    lines = [*rival.notes(robot.joint_names), *lines, *standing.notes(robot.joint_names, robot.prismatic)]
+    moving = _errors(base, full, said.model, logs, True)
+    held_out = np.array(moving["test"]["after_confirmed"]["relative_rmse"], float)
+    useless = (
+        logs.moving & ~logs.untested & (held_out > CONSTANT) & (moving_rms(said.model, logs.test) > BEYOND * floor.low)
+    )
+    lines = [
+        *_no_better(robot, useless, held_out),
+        *rival.notes(robot.joint_names),
+        *lines,
+        *standing.notes(robot.joint_names, robot.prismatic),
+    ]
     something = floor.motion_dependent | floor.cannot_tell | carried.worse | standing.seen | rival.better
     explained = ~floor.seen | ~something
     diagnosis = {
@@ -116,7 +131,7 @@ def describe_result(
         "verdict": verdict_of(any(e["confirmed"] for e in entries), explained & ~logs.silent & (not unsure)),
         "effects": entries,
         "error": _errors(base, full, said.model, logs, False),
-        "error_moving": _errors(base, full, said.model, logs, True),
+        "error_moving": moving,
         "noise_floor": floor.value.tolist(),
         "noise_floor_low": floor.low.tolist(),
         "noise_floor_high": floor.high.tolist(),
@@ -253,6 +268,17 @@ def _change(effect: Effect, in_all: Mapping[str, Mapping[str, float]], slides: S
         f"{effect.effect} of {where}: {name} changed from {ends['start']:.4g} to {ends['now']:.4g} "
         f"{unit_of(effect, name, slides)} since the starting model"
         for name, ends in in_all.items()
+    ]
+
+
+def _no_better(robot: Robot, useless: NDArray[np.bool_], held_out: Array) -> list[str]:
+    """One line where ``useless`` joints (n,) are left with their torque, by ``held_out`` relative rmse (n,)."""
+    if not useless.any():
+        return []
+    each = ", ".join(f"{robot.joint_names[j]} (rmse {held_out[j]:.2g} of its spread)" for j in np.flatnonzero(useless))
+    return [
+        f"{NO_BETTER}: {each}; before anything is made of this model: is the log of this robot, and read as it is "
+        "meant (hybrid-dynamics check)? do the test runs move as the training runs do?"
     ]
 
 

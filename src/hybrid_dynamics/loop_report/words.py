@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hybrid_dynamics.effects.units import unit_at
+from hybrid_dynamics.loop.describe import NO_BETTER
 from hybrid_dynamics.loop.described import WORSE
 from hybrid_dynamics.loop_report.rest import (
     ABOVE,
@@ -34,6 +35,8 @@ _BESIDE = {
 }
 #: What may hold a joint that stands, where friction does not.
 _HOLDS = "more than friction holds: a hand, a stop, a brake, a load or friction that the model does not know"
+#: How notes begin that come before the numbers.
+FIRST = (NO_BETTER, WORSE)
 #: Words of notes on what the starting model had of an effect; its value tells that too.
 _WITH_VALUES = ("since the starting model", "in all, of which the URDF gives")
 #: Joints that are named one by one, however few the others are.
@@ -177,13 +180,13 @@ def run_words(run: str) -> str:
 
 
 def told_first(d: Diagnosis) -> list[str]:
-    """Notes that a reader needs before the numbers: a description that does harm."""
-    return [note for note in d.get("notes", []) if note.startswith(WORSE)]
+    """Notes that a reader needs before the numbers: a model that is of no use, a description that does harm."""
+    return [note for note in d.get("notes", []) if note.startswith(FIRST)]
 
 
 def other_notes(d: Diagnosis) -> list[str]:
     """Notes that neither :func:`told_first` nor the effects' values (:func:`value_of`) tell."""
-    return [n for n in d.get("notes", []) if not n.startswith(WORSE) and not any(w in n for w in _WITH_VALUES)]
+    return [n for n in d.get("notes", []) if not n.startswith(FIRST) and not any(w in n for w in _WITH_VALUES)]
 
 
 def where(names: Sequence[str], joints: Sequence[str]) -> str:
