@@ -31,6 +31,7 @@ from hybrid_dynamics.check.guess import (
     shares_of,
 )
 from hybrid_dynamics.check.order import places
+from hybrid_dynamics.check.pace import check_pace
 from hybrid_dynamics.check.pulled import body_leaves, spring_leaves
 from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch
 from hybrid_dynamics.check.units import MAX_SCALE, check_own_units, check_unit
@@ -101,13 +102,19 @@ def check_torque(
             spring_leaves(columns, q[:, j], best.gravity, j, agreeing) <= min(f.left, SETTLED)
             for j, f in enumerate(fits)
         ]
-        unit = check_unit(names, fits, np.array(pulled))
-        if not unit and best.reads_as_told and best.pace == 1.0:
-            unit = check_own_units(robot, parts, columns, best.gravity, fits)
-        findings += unit
+        as_told = best.reads_as_told and best.pace == 1.0
+        delay = _delay(robot, columns, parts, best)
+        # What comes too late has lost its inertia: that is no clock.
+        pace = check_pace(columns, best.gravity) if as_told and not any(f.severity == "hard" for f in delay) else []
+        if not any(f.severity == "hard" for f in pace):
+            unit = check_unit(names, fits, np.array(pulled))
+            if not unit and as_told:
+                unit = check_own_units(robot, parts, columns, best.gravity, fits)
+            findings += unit
+        findings += pace
         if best.pace == 1.0:
             findings += _rotors(robot, parts, forms, best)
-        findings += _delay(robot, columns, parts, best)
+        findings += delay
     return findings, best.gravity
 
 
