@@ -67,6 +67,47 @@ def test_fast_motion_in_slow_logs_and_coarse_encoders_are_none(run, every, count
     assert find_jumps(slow.with_signals(q=q)) == []
 
 
+@pytest.mark.parametrize("rate", [25.0, 50.0, 100.0, 500.0])
+@pytest.mark.parametrize(("move", "lasts"), [(0.05, 0.2), (0.3, 0.3), (1.0, 0.5)])
+@pytest.mark.parametrize("noise", [1e-9, 1e-5])
+def test_one_quick_move_of_a_joint_that_stands_for_long_is_none(rate, move, lasts, noise):
+    time = np.arange(int(60 * rate)) / rate
+    rng, lively = np.random.default_rng(4), 0.8 * np.sin(2 * time)
+    for begins in 30.0 + np.linspace(0, 1 / rate, 7):
+        share = np.clip((time - begins) / lasts, 0, 1)
+        q = np.column_stack([lively, move * share**3 * (10 - 15 * share + 6 * share**2)])
+        log = Trajectory("one move", "train", time, {"q": q + noise * rng.normal(size=q.shape), "tau": q})
+        assert find_jumps(log) == []
+
+
+def test_a_joint_that_settles_by_next_to_nothing_does_not_jump():
+    time = np.arange(6000) / 100.0
+    q = np.column_stack([np.sin(time), np.where(time > 30, 1e-6, 0.0)]).astype(np.float32).astype(float)
+    assert find_jumps(Trajectory("settles", "train", time, {"q": q, "tau": q})) == []
+
+
+def test_the_parts_of_a_log_are_looked_at_as_whoever_gets_them_will(run):
+    """A jump that the rest of a lively log hides is found in the part that a gap leaves of it."""
+    quiet = run.with_signals(q=0.02 * run["q"])
+    joined = without(quiet, 800, 1000)
+    time = np.concatenate([run.time, run.time[-1] + 10.0 + joined.time])
+    both = {k: np.concatenate([run.signals[k], joined.signals[k]]) for k in run.signals}
+    parts = resample(Trajectory("both", "train", time, both))
+    assert [len(p.time) for p in parts] == [2000, 800, 1000]
+    assert all(find_jumps(p) == [] for p in parts)
+
+
+def test_rows_that_are_repeated_after_a_gap_of_the_stamps_too_are_left_out_there(run):
+    held = frozen(run, 800, 1199)
+    time = held.time + np.where(np.arange(len(held.time)) >= 1000, 1.0, 0.0)
+    heard: list[str] = []
+    parts = resample(Trajectory("held", "train", time, held.signals), notify=heard.append)
+    # Before the gap the robot may as well have stood; after it, it goes on elsewhere: one sample of 200 is left.
+    assert [len(p.time) for p in parts] == [1000, 800]
+    assert "199 rows that repeat one" in " ".join(heard)
+    assert "rows 1001 to 1001 left out" in " ".join(heard)
+
+
 def test_a_robot_that_starts_and_stops_at_once_does_not_jump(run):
     time = np.arange(2000) / 200.0
     q = np.clip(np.abs((np.add.outer(time, [0.0, 0.5]) % 4.0) - 2.0), 0.4, 1.6)

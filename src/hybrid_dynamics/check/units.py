@@ -124,7 +124,7 @@ def check_own_units(
         f"{each}"
     )
     if not certain:
-        text = f"it looks as if {text}; one joint alone may lack something else: a spring, a coupling to another joint"
+        text = f"it looks as if {text}; one joint alone may lack something else: a counterweight, a coupling to another"
     return [Finding("torque_unit", "hard" if certain else "warning", text)]
 
 

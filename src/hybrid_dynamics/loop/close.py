@@ -71,8 +71,8 @@ def close_loop(
 
     ``train`` and ``test`` hold ``q tau`` (``dq`` where the log has it) on a uniform grid. Without test runs the last
     part of every training run is held out. ``described``: friction that the URDF gives
-    (:func:`~hybrid_dynamics.effects.urdf_dynamics.urdf_dynamics`); it belongs to the start, but for dry friction that
-    the torque does not have. Raises :class:`InputError` where no verdict can be given.
+    (:func:`~hybrid_dynamics.effects.urdf_dynamics.urdf_dynamics`); it belongs to the start, but for dry friction of
+    which the torque holds less than half, or more than twice. Raises :class:`InputError` where no verdict can be given.
 
     >>> from hybrid_dynamics import Robot, close_loop, read_log
     >>> robot = Robot.from_urdf("robot.urdf")

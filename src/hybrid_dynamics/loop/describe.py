@@ -23,6 +23,7 @@ from hybrid_dynamics.loop.identifiability import inconsistent, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.prepare import Logs
+from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.standing import Standing
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unexplained import expression_of
@@ -32,8 +33,9 @@ from hybrid_dynamics.types import Array
 #: Why a joint's effects are not sought: it does not move, or its torque says nothing.
 STILL, SILENT = "the joint never moves", "its torque never changes"
 #: Relative held-out rmse from which on a constant would have predicted as well, where that is so many times what
-#: second differences call noise; and how the note on it begins.
-CONSTANT, BEYOND = 0.9, 2.0
+#: second differences call noise, and this share of the torque (rms), which may be a constant for the most part; and how
+#: the note on it begins.
+CONSTANT, BEYOND, OF_TORQUE = 0.9, 2.0, 0.5
 NO_BETTER = "a constant would predict the test runs' torque as well"
 
 
@@ -74,7 +76,7 @@ def describe_result(
             lines.append(f"{term.effect}{_where(robot, term)}: {which} differ between runs beyond their uncertainty")
         if changed := _in_all(base, effect):
             entry["in_all"] = changed
-        lines += [*_change(effect, changed, robot.prismatic), *_unbelievable(robot, term, effect)]
+        lines += [*_change(effect, changed, robot.prismatic), *_unbelievable(robot, term, effect, changed)]
         entry["test_rmse_before"] = [float(v) for v in rms[k]]
         entry["test_rmse_after"] = [float(v) for v in rms[k + 1]]
         entry |= _confirmed(robot, term, said, outside, entry, len(logs.train))
@@ -113,9 +115,8 @@ def describe_result(
         )
     moving = _errors(base, full, said.model, logs, True)
     held_out = np.array(moving["test"]["after_confirmed"]["relative_rmse"], float)
-    useless = (
-        logs.moving & ~logs.untested & (held_out > CONSTANT) & (moving_rms(said.model, logs.test) > BEYOND * floor.low)
-    )
+    least = np.maximum(BEYOND * floor.low, OF_TORQUE * _moving_torque(logs.test))
+    useless = logs.moving & ~logs.untested & (held_out > CONSTANT) & (moving_rms(said.model, logs.test) > least)
     lines = [
         *_no_better(robot, useless, held_out),
         *rival.notes(robot.joint_names),
@@ -271,6 +272,13 @@ def _change(effect: Effect, in_all: Mapping[str, Mapping[str, float]], slides: S
     ]
 
 
+def _moving_torque(runs: Sequence[Run]) -> Array:
+    """(n,) [N m] rms torque where each joint moves; 0 where none does."""
+    squares = np.sum([np.sum(np.where(run.mask, run.tau, 0.0) ** 2, axis=0) for run in runs], axis=0)
+    rows = np.sum([run.mask.sum(axis=0) for run in runs], axis=0)
+    return np.asarray(np.sqrt(squares / np.maximum(rows, 1)))
+
+
 def _no_better(robot: Robot, useless: NDArray[np.bool_], held_out: Array) -> list[str]:
     """One line where ``useless`` joints (n,) are left with their torque, by ``held_out`` relative rmse (n,)."""
     if not useless.any():
@@ -282,13 +290,15 @@ def _no_better(robot: Robot, useless: NDArray[np.bool_], held_out: Array) -> lis
     ]
 
 
-def _unbelievable(robot: Robot, term: Term, effect: Effect) -> list[str]:
-    """A line for each parameter of ``effect`` that is larger or smaller than such a thing is."""
+def _unbelievable(robot: Robot, term: Term, effect: Effect, in_all: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """A line for each parameter of ``effect``, ``in_all`` where the starting model has it too, that is larger or
+    smaller than such a thing is."""
+    values = {**effect.parameters, **{name: ends["now"] for name, ends in in_all.items()}}
     return [
-        f"{effect.effect}{_where(robot, term) or ' of all joints'}: {name} is {effect.parameters[name]:.3g}; expected "
-        f"{low:g} to {high:g}: {why}"
+        f"{effect.effect}{_where(robot, term) or ' of all joints'}: {name} is {values[name]:.3g}; expected {low:g} to "
+        f"{high:g}: {why}"
         for name, (low, high, why) in term.family().believable.items()
-        if not low <= effect.parameters[name] <= high
+        if not low <= values[name] <= high
     ]
 
 

@@ -42,11 +42,12 @@ def with_described(result: LoopResult, described: Sequence[Effect]) -> LoopResul
         total = _total(entry, described, kept)
         named.append(total)
         notes += [*_shares(total, slides), *_beside(total, result.diagnosis.effects, kept, slides)]
-    first = [*_worse(result, described, kept), *([announced(kept, slides)] if kept else [])]
+    gone = [d for d in described if d not in kept]
+    first = [*_worse(result, described), *([announced(kept, slides)] if kept else []), *_left_out(gone, slides)]
     # The loop tells the same change in its own words; the total says more.
     rest = [n for n in result.diagnosis.notes if "since the starting model" not in n]
     diagnosis = replace(result.diagnosis, effects=tuple(named), notes=(*first, *notes, *rest))
-    if len(kept) < len(described):
+    if gone:
         diagnosis = _from_the_urdf(diagnosis, result, described)
     return replace(result, diagnosis=diagnosis)
 
@@ -100,8 +101,8 @@ def _beside(
     ]
 
 
-def _worse(result: LoopResult, described: Sequence[Effect], kept: Sequence[Effect]) -> list[str]:
-    """Joints whose training error the description's friction makes larger, and what of it the loop did without."""
+def _worse(result: LoopResult, described: Sequence[Effect]) -> list[str]:
+    """Joints whose training error the description's friction makes larger."""
     robot = result.model.robot
     worse = [
         f"{name} {a:.3g} → {b:.3g} {unit_at('N m', name, robot.prismatic)}"
@@ -109,11 +110,19 @@ def _worse(result: LoopResult, described: Sequence[Effect], kept: Sequence[Effec
     ]
     if not worse:
         return []
-    gone = [d for d in described if d not in kept]
-    left_out = f"; friction {_each(gone, robot.prismatic)} is left out of the starting model" if gone else ""
     return [
         f"{WORSE}: {', '.join(worse)}; it may be a placeholder: correct it in the URDF, or leave it out with "
-        f"--ignore-dynamics{left_out}"
+        "--ignore-dynamics"
+    ]
+
+
+def _left_out(gone: Sequence[Effect], slides: Sequence[str]) -> list[str]:
+    """One line: dry friction that the starting model is without."""
+    if not gone:
+        return []
+    return [
+        f"the URDF's <dynamics> friction {_each(gone, slides)} is left out of the starting model: the torque holds "
+        "less than half of it, or more than twice; what there is is found in full"
     ]
 
 

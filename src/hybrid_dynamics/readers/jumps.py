@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -19,8 +18,10 @@ from hybrid_dynamics.types import Array
 #: Samples to either side that tell how fast the joint moves, and where it is: more than a glitch lasts.
 NEARBY = 7
 #: A position is elsewhere where it departs from its own motion by this many times what others of the log do (the
-#: share of them), by so many of its resolution, and by this share of its range.
-TIMES, OTHERS, COUNTS, RANGE = 10.0, 99.5, 10.0, 0.03
+#: share of them), by so many of its resolution, by this share of its range, and by this much [rad or m].
+TIMES, OTHERS, COUNTS, RANGE, LEAST = 10.0, 99.5, 10.0, 0.03, 1e-3
+#: And by so many times what the steps right beside it do: of a quick move each step is like the next.
+BESIDE = 4.0
 #: A step of the stamps that is this much longer than others is a gap.
 LONGER = 1.5
 
@@ -60,6 +61,9 @@ def find_jumps(trajectory: Trajectory) -> list[Jump]:
         np.maximum(TIMES * np.percentile(apart, OTHERS, axis=0), RANGE * np.ptp(q, axis=0)),
         np.where(np.isfinite(counts), COUNTS * counts, np.inf),
     )
+    padded = np.pad(apart, ((2, 2), (0, 0)))
+    beside = np.max([padded[i : i + len(apart)] for i in (0, 1, 3, 4)], axis=0)
+    least = np.maximum(np.maximum(least, LEAST), BESIDE * beside)
     # Over time that the stamps count, the motion goes on.
     counted = dt[rows] > LONGER * np.median(dt)
     beyond = np.where(stays & (apart > least) & ~counted, apart / np.maximum(least, 1e-300), 0.0)
@@ -84,12 +88,8 @@ def _held_from(trajectory: Trajectory, row: int) -> int:
     return first
 
 
-def stretches_between(length: int, cuts: NDArray[np.int64], jumps: list[Jump]) -> list[tuple[int, int]]:
-    """First and last + 1 of the rows between ``cuts`` (rows after which samples are missing) and ``jumps``, without
-    those that only repeat."""
-    ends = {int(k): int(k) + 1 for k in cuts} | {j.row: j.held + 1 for j in jumps}
-    out, first = [], 0
-    for row in sorted(ends):
-        out.append((first, ends[row]))
-        first = row + 1
-    return [*out, (first, length)]
+def stretches_between(length: int, jumps: list[Jump]) -> list[tuple[int, int]]:
+    """First and last + 1 of the rows between ``jumps``, of ``length``, without those that only repeat."""
+    firsts = [0, *(jump.row + 1 for jump in jumps)]
+    lasts = [*(jump.held + 1 for jump in jumps), length]
+    return [(first, last) for first, last in zip(firsts, lasts, strict=True) if first < last]

@@ -9,6 +9,7 @@ error at 10 % lost samples.)
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +75,8 @@ def resample(
     """
     settings = settings or ResampleSettings()
     tell = notify or (lambda message: None)
-    cuts, jumps = find_gaps(trajectory.time, settings), find_jumps(trajectory) if "q" in trajectory else []
-    jumps = [jump for jump in jumps if jump.row not in cuts]
+    cuts = find_gaps(trajectory.time, settings)
+    bounds = np.concatenate([[0], cuts + 1, [len(trajectory.time)]])
     dt = settings.dt or round(float(np.median(np.diff(trajectory.time))), 9)
     for k in cuts:
         start, end = trajectory.time[k], trajectory.time[k + 1]
@@ -83,16 +84,10 @@ def resample(
             f"{trajectory.name}: no samples for {end - start:.3g} s after t = {start:.6g} s (row {k + 1}), too long to "
             f"interpolate (more than {settings.max_gap:g} s and {settings.max_gap_samples} samples): run split there"
         )
-    for jump in jumps:
-        still = f", after {jump.row - jump.held} rows that repeat one" if jump.row > jump.held else ""
-        tell(
-            f"{trajectory.name}: q{jump.joint + 1} jumps by {jump.size:.3g} from one sample to the next at t = "
-            f"{trajectory.time[jump.row]:.6g} s (row {jump.row + 1}){still}: two recordings in one, or time that was "
-            "not recorded: run split there"
-        )
+    stretches = [s for first, last in pairwise(bounds) for s in _without_jumps(trajectory, int(first), int(last), tell)]
     parts: list[Trajectory] = []
-    for first, last in stretches_between(len(trajectory.time), cuts, jumps):
-        if len(cuts) + len(jumps) and last - first < settings.min_rows:
+    for first, last in stretches:
+        if len(stretches) > 1 and last - first < settings.min_rows:
             tell(
                 f"{trajectory.name}: rows {first + 1} to {last} left out (fewer than {settings.min_rows} in one piece)"
             )
@@ -103,6 +98,22 @@ def resample(
             Trajectory(f"{part.name}.part{i}", part.split, part.time, part.signals) for i, part in enumerate(parts, 1)
         ]
     return parts
+
+
+def _without_jumps(trajectory: Trajectory, first: int, last: int, tell: Notify) -> list[tuple[int, int]]:
+    """Rows from ``first`` to ``last`` in stretches without a jump, each looked at by itself as whoever gets it will."""
+    jumps = find_jumps(trajectory.rows(slice(first, last))) if "q" in trajectory else []
+    for jump in jumps:
+        still = f", after {jump.row - jump.held} rows that repeat one" if jump.row > jump.held else ""
+        tell(
+            f"{trajectory.name}: q{jump.joint + 1} jumps by {jump.size:.3g} from one sample to the next at t = "
+            f"{trajectory.time[first + jump.row]:.6g} s (row {first + jump.row + 1}){still}: two recordings in one, or "
+            "time that was not recorded: run split there"
+        )
+    if not jumps:
+        return [(first, last)]
+    parts = stretches_between(last - first, jumps)
+    return [s for a, b in parts for s in _without_jumps(trajectory, first + a, first + b, tell)]
 
 
 def _on_grid(trajectory: Trajectory, dt: float, settings: ResampleSettings, tell: Notify) -> Trajectory:
