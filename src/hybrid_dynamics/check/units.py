@@ -45,6 +45,9 @@ SETTLED, SAYS = 0.2, 0.1
 #: joint, which is at least the third. Of 400 simulated logs of one unit, with all the catalogue hidden in them, none
 #: with factors that are apart comes to 1.3 times; of 100 with factors up to 20 apart four fifths come to twice.
 LEFT, TIMES, LEAST = 0.03, 2.0, 1e-3
+#: So many joints that have a say are enough for that; of fewer it must be so many times. (Of 78 cuts of 3 and 10 s of a
+#: recorded arm, two of 3 s with three joints came to 2.5.)
+MANY, SURELY = 4, 6.0
 #: Factors this far apart are no gains of a drive; joints off the typical factor by the second are off.
 APART, OFF = 3.0, 1.5
 #: Rows looked at; rounds in which factors and links are found in turn.
@@ -106,12 +109,14 @@ def check_own_units(
     own = shown.left(factors)
     says = (own < SETTLED) & (shown.share > SAYS)
     worse = np.where(says, one - own, 0.0)
-    better = one[says].sum() > TIMES * max(float(own[says].sum()), LEAST)
-    if says.sum() < 2 or worse.max() < LEFT or not better or np.ptp(np.log(factors[says])) < np.log(APART):
+    times = float(one[says].sum()) / max(float(own[says].sum()), LEAST)
+    if says.sum() < 2 or worse.max() < LEFT or times < TIMES or np.ptp(np.log(factors[says])) < np.log(APART):
         return []
     typical = float(np.median(np.log(factors[says])))
     off = says & (np.abs(np.log(factors) - typical) > np.log(OFF))
-    certain = (off.sum() > 1 and says.sum() > 2) or np.ptp(np.log(factors[says])) > np.log(MAX_SCALE)
+    # Of few joints and a few seconds, links and factors together can make much of anything.
+    enough = says.sum() >= MANY or times > SURELY
+    certain = enough and ((off.sum() > 1 and says.sum() > 2) or np.ptp(np.log(factors[says])) > np.log(MAX_SCALE))
     most = int(np.argmax(worse))
     each = ", ".join(
         f"{robot.joint_names[shown.joints[i]]} {fits[shown.joints[i]].coefficients[0]:.3g}"
