@@ -107,7 +107,6 @@ def test_an_effect_named_for_another_law_of_its_own_is_told_apart_from_a_wrong_n
             "error": {"test": {"after_confirmed": {"rmse": size}}},
             "error_moving": {"test": {"before": {"rmse": size}, "after_confirmed": {"rmse": size}}},
             "noise_floor": size,
-            "not_identifiable": [],
         }
         row = score_blind(case.truth, said, ROBOT, case.train, case.test)
         assert not row["nothing_wrong_named"]

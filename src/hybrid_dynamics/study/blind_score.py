@@ -170,7 +170,8 @@ def score_blind(
         "runs": truth.get("runs", len(train)),
         "rate": truth.get("rate", 1.0 / train[0].dt),
         "velocity": truth.get("velocity", "dq" in train[0]),
-        "silent": " ".join(j["joint"] for j in diagnosis["not_identifiable"] if j["why"].startswith(SILENT)),
+        # A diagnosis leaves out what is empty.
+        "silent": " ".join(j["joint"] for j in diagnosis.get("not_identifiable", []) if j["why"].startswith(SILENT)),
     }
 
 
@@ -180,7 +181,6 @@ def _unanswered(robot: Robot, runs: Sequence[Run]) -> dict[str, Any]:
     return {
         "verdict": REFUSED,
         "effects": [],
-        "not_identifiable": [],
         "noise_floor": moving,
         "error": {"test": {"after_confirmed": {"rmse": plain}}},
         "error_moving": {"test": {"before": {"rmse": moving}, "after_confirmed": {"rmse": moving}}},
