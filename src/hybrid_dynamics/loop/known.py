@@ -22,7 +22,8 @@ from hybrid_dynamics.loop.weighing import as_left
 from hybrid_dynamics.robots import Robot
 
 #: Standard errors from which on something is known of one of several parameters, and of the only one: within two of
-#: nothing it may well be nothing, while of several that are sure together each can be unsure.
+#: nothing it may well be nothing, while of several that are sure together each can be unsure. (Friction, an offset and
+#: a rotor every real joint has: of these one is enough.)
 OF_SEVERAL, OF_ONE = 1.0, 2.0
 
 
@@ -52,10 +53,11 @@ def known_and_beside(
 
 def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:
     """The least sure of the terms of ``effects``, found on ``robot``, of which nothing is known: every parameter lies
-    within its standard error of what it is without, the only one within two of them. No body of ten: in few poses only
-    sums of its numbers are known."""
+    within its standard error of what it is without, the only one of what not every joint has within two of them. No
+    body of ten: in few poses only sums of its numbers are known."""
     asked = {t: e for t, e in effects.items() if not t.family().is_body}
-    least = {t: OF_ONE if len(e.parameters) == 1 else OF_SEVERAL for t, e in asked.items()}
+    rare = {t: len(e.parameters) == 1 and not t.family().everywhere for t, e in asked.items()}
+    least = {t: OF_ONE if rare[t] else OF_SEVERAL for t in asked}
     sizes = {t: published_in_errors(t, e, robot) / least[t] for t, e in asked.items()}
     nothing = [t for t, size in sizes.items() if size < 1.0]
     return min(nothing, key=lambda t: (sizes[t], repr(t)), default=None)
