@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.panda_arm import load_panda
 
 import hybrid_dynamics.check.convention as convention_module
 import hybrid_dynamics.check.torque as torque_module
@@ -21,8 +22,6 @@ from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
 
-FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
-
 
 def friction(robot: Robot, size: float = 0.01) -> list[Effect]:
     """Viscous and Coulomb friction of every joint, as a share of its effort limit."""
@@ -35,7 +34,7 @@ def friction(robot: Robot, size: float = 0.01) -> list[Effect]:
 
 @pytest.fixture(scope="module")
 def panda() -> Robot:
-    return Robot.from_urdf(find_description("panda.urdf"), FINGERS)
+    return load_panda()
 
 
 @pytest.fixture(scope="module")

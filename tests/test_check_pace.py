@@ -2,35 +2,26 @@
 
 import numpy as np
 import pytest
+from tests.panda_arm import FRICTION, JOINTS, load_panda, recorded
 
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.torque import check_torque
 from hybrid_dynamics.effects import Effect, Term
-from hybrid_dynamics.robots import Robot, find_description
-from hybrid_dynamics.simulation.excitation import excitation
+from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
-JOINTS = [f"panda_joint{j}" for j in range(1, 8)]
-FRICTION = [
-    *(Effect("coulomb_friction", (j,), {"coulomb_torque": 0.5}) for j in JOINTS),
-    *(Effect("viscous_friction", (j,), {"viscous_coefficient": 0.8}) for j in JOINTS),
-]
+#: Length [s] of a log, and its noise.
+LOG = (20.0, 3)
 
 
 @pytest.fixture(scope="module")
 def panda() -> Robot:
-    return Robot.from_urdf(find_description("panda.urdf"), ("panda_finger_joint1", "panda_finger_joint2"))
-
-
-def recorded(robot: Robot, effects: list[Effect]) -> Trajectory:
-    log = excitation(robot, effects, duration=20.0, rate=200.0)
-    noise = np.random.default_rng(3).normal(size=log["tau"].shape)
-    return log.with_signals(tau=log["tau"] + 0.05 * noise)
+    return load_panda()
 
 
 @pytest.fixture(scope="module")
 def run(panda: Robot) -> Trajectory:
-    return recorded(panda, FRICTION)
+    return recorded(panda, FRICTION, *LOG)
 
 
 def clock(robot: Robot, run: Trajectory, slower: float) -> list[Finding]:
@@ -60,7 +51,7 @@ def test_what_changes_inertia_or_weight_alone_by_rights_is_no_clock(panda):
     spring = Effect("joint_spring", (JOINTS[1],), {"stiffness": 20.0, "rest_position": 0.1}, {"shape": "sine"})
     heavy = Effect("torque_gain", (), {"gain": 1.6})
     for effects in ([Effect("payload", (), numbers)], rotors, [spring], [heavy]):
-        assert clock(panda, recorded(panda, [*FRICTION, *effects]), 1.0) == []
+        assert clock(panda, recorded(panda, [*FRICTION, *effects], *LOG), 1.0) == []
 
 
 def test_a_torque_without_weight_is_told_as_that_and_not_as_a_clock(panda, run):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from tests.panda_arm import JOINTS, load_panda
 
 from hybrid_dynamics.check.columns import columns_of, standing
 from hybrid_dynamics.check.guess import best_guess
@@ -12,15 +13,13 @@ from hybrid_dynamics.check.pulled import _bounded, spring_leaves
 from hybrid_dynamics.check.samples import stretches
 from hybrid_dynamics.check.torque import check_torque
 from hybrid_dynamics.effects import Effect
-from hybrid_dynamics.robots import Robot, find_description
+from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.excitation import excitation
-
-JOINTS = [f"panda_joint{j}" for j in range(1, 8)]
 
 
 @pytest.fixture(scope="module")
 def panda() -> Robot:
-    return Robot.from_urdf(find_description("panda.urdf"), ("panda_finger_joint1", "panda_finger_joint2"))
+    return load_panda()
 
 
 def _friction(size):

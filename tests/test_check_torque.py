@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.panda_arm import JOINTS, load_panda
 
 from hybrid_dynamics.check import checked
 from hybrid_dynamics.check.columns import Columns, columns_of, of_each, standing
@@ -19,8 +20,6 @@ from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
 
-FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
-JOINTS = [f"panda_joint{j}" for j in range(1, 8)]
 FRICTION = [
     *(Effect("coulomb_friction", (j,), {"coulomb_torque": 0.5}) for j in JOINTS),
     *(Effect("viscous_friction", (j,), {"viscous_coefficient": 0.4}) for j in JOINTS),
@@ -29,7 +28,7 @@ FRICTION = [
 
 @pytest.fixture(scope="module")
 def panda() -> Robot:
-    return Robot.from_urdf(find_description("panda.urdf"), FINGERS)
+    return load_panda()
 
 
 @pytest.fixture(scope="module")

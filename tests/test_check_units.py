@@ -2,37 +2,28 @@
 
 import numpy as np
 import pytest
+from tests.panda_arm import FRICTION, JOINTS, load_panda, recorded
 
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.torque import check_torque
 from hybrid_dynamics.effects import Effect, Term
-from hybrid_dynamics.robots import Robot, find_description
-from hybrid_dynamics.simulation.excitation import excitation
+from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
-JOINTS = [f"panda_joint{j}" for j in range(1, 8)]
 #: N m per ampere of three sizes of motors and their gears.
 MOTORS = np.array([12.0, 12.0, 10.0, 4.0, 4.0, 2.5, 2.5])
-FRICTION = [
-    *(Effect("coulomb_friction", (j,), {"coulomb_torque": 0.5}) for j in JOINTS),
-    *(Effect("viscous_friction", (j,), {"viscous_coefficient": 0.8}) for j in JOINTS),
-]
+#: Length [s] of a log, and its noise.
+LOG = (16.0, 5)
 
 
 @pytest.fixture(scope="module")
 def panda() -> Robot:
-    return Robot.from_urdf(find_description("panda.urdf"), ("panda_finger_joint1", "panda_finger_joint2"))
-
-
-def recorded(robot: Robot, effects: list[Effect]) -> Trajectory:
-    log = excitation(robot, effects, duration=16.0, rate=200.0)
-    noise = np.random.default_rng(5).normal(size=log["tau"].shape)
-    return log.with_signals(tau=log["tau"] + 0.05 * noise)
+    return load_panda()
 
 
 @pytest.fixture(scope="module")
 def run(panda: Robot) -> Trajectory:
-    return recorded(panda, FRICTION)
+    return recorded(panda, FRICTION, *LOG)
 
 
 def units(robot: Robot, log: Trajectory) -> list[Finding]:
@@ -60,7 +51,7 @@ def test_the_factors_told_are_those_of_the_motors(panda, run):
 def test_currents_of_an_arm_whose_links_weigh_otherwise_are_told_too(panda):
     tool = Term("payload")
     numbers = tool.family().parameters_of(np.r_[3.0, 0.1, 0.0, 0.4, 0.06, 0.06, 0.03, 0.0, 0.0, 0.0], panda, tool)
-    log = recorded(panda, [*FRICTION, Effect("payload", (), numbers)])
+    log = recorded(panda, [*FRICTION, Effect("payload", (), numbers)], *LOG)
     (found,) = units(panda, log.with_signals(tau=log["tau"] / MOTORS))
     assert found.severity == "hard"
 
@@ -80,7 +71,7 @@ def test_a_heavy_tool_springs_and_gains_are_no_units(panda):
     ]
     gains = [Effect("torque_gain", (JOINTS[j],), {"gain": k}) for j, k in ((1, 1.4), (3, 0.7))]
     for effects in ([Effect("payload", (), numbers)], springs, gains):
-        assert units(panda, recorded(panda, [*FRICTION, *effects])) == []
+        assert units(panda, recorded(panda, [*FRICTION, *effects], *LOG)) == []
 
 
 @pytest.mark.parametrize(("factor", "severity"), [(4.0, "warning"), (0.2, "warning"), (12.0, "hard")])

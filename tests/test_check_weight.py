@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.panda_arm import load_panda
 from tests.small_arm import URDF, arm
 
 from hybrid_dynamics.check import check_before_fit
@@ -25,13 +26,12 @@ from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitation, excitations
 from hybrid_dynamics.trajectory import Trajectory
 
-FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 COMPENSATED = describe({"gravity": "compensated"})
 
 
 @pytest.fixture(scope="module")
 def panda() -> Robot:
-    return Robot.from_urdf(find_description("panda.urdf"), FINGERS)
+    return load_panda()
 
 
 def friction(robot: Robot) -> list[Effect]:

@@ -20,7 +20,7 @@ from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.check.weight import without_weight
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.readers.glitches import MANY, repair, told
-from hybrid_dynamics.readers.jumps import find_jumps
+from hybrid_dynamics.readers.jumps import TWO_RUNS, find_jumps
 from hybrid_dynamics.readers.resample import NO_STRETCH, resample
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -109,8 +109,7 @@ def _jumps(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
             "jump",
             "hard",
             f"position jumps by {jump.size:.3g} from one sample to the next at t = {run.time[jump.row]:.6g} s and "
-            "stays there: two recordings in one, or time that was not recorded; expected one recording a run: split it "
-            "there",
+            f"stays there: {TWO_RUNS}; expected one recording a run: split it there",
             run=run.name,
             joint=robot.joint_names[jump.joint],
         )

@@ -101,8 +101,10 @@ def check_own_units(
     by itself, and not beyond all proportion, may lack something else.
     """
     shown = _Shown.of(robot, parts, columns, gravity)
+    if len(shown.joints) < 2:
+        return []
     one = shown.left(np.ones(len(shown.joints)))
-    if len(shown.joints) < 2 or one.max(initial=0.0) < LEFT:
+    if one.max() < LEFT:
         return []
     start = np.array([max(fits[j].coefficients[0], 1e-6) for j in shown.joints])
     factors = shown.factors(start / np.exp(np.log(start).mean()))
@@ -170,26 +172,24 @@ class _Shown:
         count = regressor.shape[2]
         return cls(joints, np.array(share), np.reshape(grams, (-1, count, count)), np.reshape(products, (-1, count)))
 
-    def _links(self, factors: Array) -> Array:
-        """Parameters (10 n,) of the links that explain most where torque is ``factors`` (m,) times that in N m."""
+    def _best(self, factors: Array) -> tuple[Array, Array]:
+        """What the links that explain most, where torque is ``factors`` (m,) times that in N m, have in common with
+        each joint's torque, and their own mean square there (m,)."""
         gram = np.einsum("m,mij->ij", factors**2, self._grams)
-        return np.asarray(pinvh(gram, rtol=_UNSEEN) @ (factors @ self._products))
+        links = pinvh(gram, rtol=_UNSEEN) @ (factors @ self._products)
+        return self._products @ links, np.einsum("i,mij,j->m", links, self._grams, links)
 
     def left(self, factors: Array) -> Array:
         """(m,) share of each joint's mean square that the best links leave."""
-        if not self.joints:
-            return np.zeros(0)
-        links = self._links(factors)
-        made = np.einsum("i,mij,j->m", links, self._grams, links)
-        return np.asarray(np.maximum(1.0 - 2.0 * factors * (self._products @ links) + factors**2 * made, 0.0))
+        along, made = self._best(factors)
+        return np.asarray(np.maximum(1.0 - 2.0 * factors * along + factors**2 * made, 0.0))
 
     def factors(self, start: Array) -> Array:
         """(m,) that leave least: links and factors in turn, from ``start``; their geometric mean is one."""
         out = start
         for _ in range(ROUNDS):
-            links = self._links(out)
-            made = np.einsum("i,mij,j->m", links, self._grams, links)
-            new = np.maximum((self._products @ links) / np.maximum(made, 1e-300), 1e-6)
+            along, made = self._best(out)
+            new = np.maximum(along / np.maximum(made, 1e-300), 1e-6)
             new /= np.exp(np.log(new).mean())
             settled = np.max(np.abs(np.log(new / out))) < 1e-3
             out = new

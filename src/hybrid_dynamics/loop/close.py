@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hybrid_dynamics.check import Checked, checked, refuse_hard, told_by_model
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.carried import carried_over
 from hybrid_dynamics.loop.confirm import confirm
@@ -113,7 +113,7 @@ def _close(
     progress(0.0, "looking at the logs")
     plausible = checked(base, train, test)
     given = base
-    if described:
+    if any(family(d.effect).turns_sign for d in described):
         runs = [process(t, robot, settings.process) for t in plausible.train]
         base = without_placeholders(given, described, runs)
     searched = _looked_for(base, plausible, settings, progress)

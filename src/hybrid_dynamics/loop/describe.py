@@ -14,7 +14,7 @@ from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.carried import Carried
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
-from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rounded, verdict_of
+from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rms_in_motion, rounded, verdict_of
 from hybrid_dynamics.loop.everything import Everything
 from hybrid_dynamics.loop.extrapolation import extrapolation
 from hybrid_dynamics.loop.find import Found
@@ -23,7 +23,6 @@ from hybrid_dynamics.loop.identifiability import inconsistent, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.prepare import Logs
-from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.standing import Standing
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unexplained import expression_of
@@ -115,7 +114,7 @@ def describe_result(
         )
     moving = _errors(base, full, said.model, logs, True)
     held_out = np.array(moving["test"]["after_confirmed"]["relative_rmse"], float)
-    least = np.maximum(BEYOND * floor.low, OF_TORQUE * _moving_torque(logs.test))
+    least = np.maximum(BEYOND * floor.low, OF_TORQUE * rms_in_motion([run.tau for run in logs.test], logs.test))
     useless = logs.moving & ~logs.untested & (held_out > CONSTANT) & (moving_rms(said.model, logs.test) > least)
     lines = [
         *_no_better(robot, useless, held_out),
@@ -270,13 +269,6 @@ def _change(effect: Effect, in_all: Mapping[str, Mapping[str, float]], slides: S
         f"{unit_of(effect, name, slides)} since the starting model"
         for name, ends in in_all.items()
     ]
-
-
-def _moving_torque(runs: Sequence[Run]) -> Array:
-    """(n,) [N m] rms torque where each joint moves; 0 where none does."""
-    squares = np.sum([np.sum(np.where(run.mask, run.tau, 0.0) ** 2, axis=0) for run in runs], axis=0)
-    rows = np.sum([run.mask.sum(axis=0) for run in runs], axis=0)
-    return np.asarray(np.sqrt(squares / np.maximum(rows, 1)))
 
 
 def _no_better(robot: Robot, useless: NDArray[np.bool_], held_out: Array) -> list[str]:

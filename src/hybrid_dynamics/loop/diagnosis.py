@@ -275,10 +275,15 @@ def errors_of(model: Model, runs: Sequence[Run], moving: bool = False) -> dict[s
 
 def moving_rms(model: Model, runs: Sequence[Run]) -> Array:
     """(n,) [N m] rms error over the samples where each joint moves; 0 where it never does."""
-    error = np.concatenate([run.tau - predict_run(model, run) for run in runs])
+    return rms_in_motion([run.tau - predict_run(model, run) for run in runs], runs)
+
+
+def rms_in_motion(values: Sequence[Array], runs: Sequence[Run]) -> Array:
+    """(n,) rms of ``values``, (K, n) of each of ``runs``, over the samples where each joint moves; 0 where it never
+    does."""
     mask = np.concatenate([run.mask for run in runs])
     count = np.maximum(mask.sum(axis=0), 1)
-    return np.asarray(np.sqrt((error**2 * mask).sum(axis=0) / count))
+    return np.asarray(np.sqrt((np.concatenate(values) ** 2 * mask).sum(axis=0) / count))
 
 
 def verdict_of(named: bool, explained: NDArray[np.bool_]) -> str:

@@ -22,6 +22,8 @@ NEARBY = 7
 TIMES, OTHERS, COUNTS, RANGE, LEAST = 10.0, 99.5, 10.0, 0.03, 1e-3
 #: And by so many times what the steps right beside it do: of a quick move each step is like the next.
 BESIDE = 4.0
+#: What a jump means.
+TWO_RUNS = "two recordings in one, or time that was not recorded"
 #: A step of the stamps that is this much longer than others is a gap.
 LONGER = 1.5
 

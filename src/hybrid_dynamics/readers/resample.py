@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hybrid_dynamics.errors import require
-from hybrid_dynamics.readers.jumps import find_jumps, stretches_between
+from hybrid_dynamics.readers.jumps import TWO_RUNS, find_jumps, stretches_between
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
 
@@ -107,8 +107,8 @@ def _without_jumps(trajectory: Trajectory, first: int, last: int, tell: Notify) 
         still = f", after {jump.row - jump.held} rows that repeat one" if jump.row > jump.held else ""
         tell(
             f"{trajectory.name}: q{jump.joint + 1} jumps by {jump.size:.3g} from one sample to the next at t = "
-            f"{trajectory.time[first + jump.row]:.6g} s (row {first + jump.row + 1}){still}: two recordings in one, or "
-            "time that was not recorded: run split there"
+            f"{trajectory.time[first + jump.row]:.6g} s (row {first + jump.row + 1}){still}: {TWO_RUNS}: run split "
+            "there"
         )
     if not jumps:
         return [(first, last)]
