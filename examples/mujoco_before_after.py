@@ -62,8 +62,9 @@ def main() -> None:
         before, after = before_and_after(Source(completed, urdf), test)
         print(f"state error after up to 0.5 s, rms over {after.windows} windows of a held-out run")
         for k, joint in enumerate(robot.joint_names):
-            pair = (before.position[k], after.position[k])
-            print(f"  {joint}: {pair[0]:.3g} rad with the URDF alone, {pair[1]:.3g} rad with the completed model")
+            # A URDF with a link of no inertia cannot be simulated by itself.
+            alone = "no motion" if before is None else f"{before.position[k]:.3g} rad"
+            print(f"  {joint}: {alone} with the URDF alone, {after.position[k]:.3g} rad with the completed model")
 
         # 2. The same as a picture, from files that any MuJoCo program can load.
         run = process(test[0], robot, ProcessSettings())  # positions, speeds and torques at one bandwidth

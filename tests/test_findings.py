@@ -44,11 +44,12 @@ def test_a_section_follows_its_file_and_stays_where_there_is_none(tmp_path: Path
 def test_every_table_of_the_study_has_its_words(tmp_path: Path) -> None:
     (tmp_path / "reports").mkdir()
     state = {"position_before": 0.4, "position_after": 0.1, "velocity_before": 2.0, "velocity_after": 0.5}
-    tables = {
+    tables: dict[str, list[dict[str, object]]] = {
         "park": [{"dataset": "tx40", "joint": 1, "rigid_body": 3.0, "least_squares": 1.0, "loop": 0.5, "black_box": 0.4,
                   "floor": 0.3, "explained_share": 0.97}],
         "resimulation": [{"dataset": "tx40", "provenance": "recorded", "joint": "j", "windows": 9, "window": 0.5,
-                          **state}],
+                          **state}, {"dataset": "still", "provenance": "recorded", "joint": "j", "windows": 3,
+                          "window": 0.5, **state, "position_before": None, "velocity_before": None}],
         "blind": [{"robot": "panda", "hidden": "payload", "size_over_floor": size, "named_right": right,
                    "nothing_wrong_named": True} for size, right in ((9.0, True), (8.0, False), (0.5, False))],
     }  # fmt: skip
@@ -57,4 +58,6 @@ def test_every_table_of_the_study_has_its_words(tmp_path: Path) -> None:
     made = page("", tmp_path)
     assert "| tx40 | 3 | 1 | 0.5 | 0.4 | 0.3 | 97 % |" in made
     assert "| tx40 (recorded) | 0.4 → 0.1 | 2 → 0.5 | 1 of 1 | 9 |" in made
+    assert "| still (recorded) | – → 0.1 | – → 0.5 | all: none moved | 3 |" in made
+    assert "No number before: still as its URDF" in made
     assert "| panda | 1 | 1 of 2 (95 %" in made  # the small one is not counted

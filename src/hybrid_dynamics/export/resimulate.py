@@ -52,17 +52,30 @@ class StateError:
 
 def before_and_after(
     source: Source, runs: Sequence[Trajectory], settings: ResimulationSettings | None = None
-) -> tuple[StateError, StateError]:
+) -> tuple[StateError | None, StateError]:
     """State error of the robot without effects and of the completed model against held-out ``runs`` (logs as read).
 
-    Position, velocity and torque pass the loop's filter first, so that they belong together.
+    Position, velocity and torque pass the loop's filter first, so that they belong together. None before where the URDF
+    alone cannot move (a link without inertia turns infinitely fast): that it can now is part of what was added. Raises
+    :class:`InputError` where MuJoCo does not take the completed model, or no run is as long as a window.
     """
     smoothed = [_smoothed(run, source.robot) for run in runs]
-    errors = []
-    for model in (Model(source.robot), source.kept):
-        (xml,) = mjcf.render(replace(source, model=model), "robot.xml", []).files.values()
-        errors.append(resimulate(xml.decode(), source.robot.joint_names, smoothed, settings))
-    return errors[0], errors[1]
+
+    def error(xml: str) -> StateError:
+        return resimulate(xml, source.robot.joint_names, smoothed, settings)
+
+    after = error(_exported(source, source.kept))
+    try:
+        alone = _exported(source, Model(source.robot))
+    except InputError:
+        return None, after
+    return error(alone), after
+
+
+def _exported(source: Source, model: Model) -> str:
+    """The MJCF text of ``model``, taken by MuJoCo; :class:`InputError` where it is not."""
+    (xml,) = mjcf.render(replace(source, model=model), "robot.xml", []).files.values()
+    return xml.decode()
 
 
 def _smoothed(run: Trajectory, robot: Robot) -> Trajectory:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -68,6 +69,11 @@ def effort_unit(diagnosis: Diagnosis, joint: str) -> str:
 def number(value: float | None, digits: int = 4) -> str:
     """``value`` with ``digits`` significant digits, – where there is none."""
     return "–" if value is None else f"{value:.{digits}g}"
+
+
+def known(value: float) -> float | None:
+    """``value`` as a float, None where it is not a number."""
+    return None if math.isnan(value) else float(value)
 
 
 def padded(value: float, digits: int = 3) -> str:

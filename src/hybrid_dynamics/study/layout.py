@@ -21,7 +21,8 @@ LOOP_COLUMNS = (
     "rmse_before",
     "rmse_after",
 )
-#: Columns of ``resimulation.csv``: rms state errors [rad, rad/s] over windows [s] of held-out runs, in MuJoCo.
+#: Columns of ``resimulation.csv``: rms state errors [rad, rad/s] over windows [s] of held-out runs, in MuJoCo;
+#: no number before where the URDF alone cannot move.
 RESIMULATION_COLUMNS = (
     "dataset",
     "provenance",

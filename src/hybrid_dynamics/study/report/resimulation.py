@@ -7,9 +7,15 @@ from pathlib import Path
 import pandas as pd
 
 from hybrid_dynamics.loop_report.html import Cell, badge, details, escape, key, table
-from hybrid_dynamics.loop_report.words import number
+from hybrid_dynamics.loop_report.words import known, number
 from hybrid_dynamics.study.layout import RESIMULATION_COLUMNS
 from hybrid_dynamics.study.results import Section, read_csv
+
+#: Why an arm has no number before, after its name.
+CANNOT_MOVE = (
+    "as its URDF describes it cannot be simulated (a link without inertia, which any torque turns infinitely fast, "
+    "say); completed it can"
+)
 
 
 def resimulation_section(path: Path, park: Path | None = None) -> Section | None:
@@ -30,6 +36,7 @@ def resimulation_section(path: Path, park: Path | None = None) -> Section | None
         "check of the whole chain. Without its friction a light wrist runs away within the half second; that is "
         "what the large numbers before are. What MJCF cannot carry (friction with a memory, say) is not in it.</p>",
         _left_out(rows, park),
+        _still(rows),
         _arms(rows),
     ]
     for name, own in rows.groupby("dataset", sort=False):
@@ -48,17 +55,24 @@ def _left_out(rows: pd.DataFrame, park: Path | None) -> str:
     )
 
 
+def _still(rows: pd.DataFrame) -> str:
+    names = dict.fromkeys(str(n) for n in rows["dataset"][rows["position_before"].isna()])
+    return f"<p class='note'>No number before: {escape(', '.join(names))} {CANNOT_MOVE}.</p>" if names else ""
+
+
 def _arms(rows: pd.DataFrame) -> str:
     body: list[list[Cell | str]] = []
     for name, own in rows.groupby("dataset", sort=False):
         sizes = {
-            column: float(own[column].median())
+            column: known(own[column].median())
             for column in ("position_before", "position_after", "velocity_before", "velocity_after")
         }
-        full = max(sizes["position_before"], sizes["position_after"]) or 1.0
+        ends = {kind: sizes[f"position_{kind}"] for kind in ("before", "after")}
+        full = max(size or 0.0 for size in ends.values()) or 1.0
         drawn = "".join(
-            f'<span class="bar {kind}" style="width:{100 * sizes[f"position_{kind}"] / full:.1f}%"></span>'
-            for kind in ("before", "after")
+            f'<span class="bar {kind}" style="width:{100 * size / full:.1f}%"></span>'
+            for kind, size in ends.items()
+            if size is not None
         )
         better = int((own["position_after"] < own["position_before"]).sum())
         body.append(
@@ -67,7 +81,7 @@ def _arms(rows: pd.DataFrame) -> str:
                 Cell(drawn, "picture"),
                 f"{number(sizes['position_before'], 3)} → <b>{number(sizes['position_after'], 3)}</b>",
                 f"{number(sizes['velocity_before'], 3)} → <b>{number(sizes['velocity_after'], 3)}</b>",
-                f"{better} of {len(own)}",
+                f"{better} of {len(own)}" if ends["before"] is not None else "all: none moved",
                 str(int(own["windows"].iloc[0])),
             ]
         )
@@ -85,7 +99,7 @@ def _arms(rows: pd.DataFrame) -> str:
 def _joints(own: pd.DataFrame) -> str:
     body: list[list[Cell | str]] = []
     for _, row in own.iterrows():
-        ends = {key: float(row[key]) for key in own.columns if key.endswith(("_before", "_after"))}
+        ends = {key: known(row[key]) for key in own.columns if key.endswith(("_before", "_after"))}
         cells = [
             Cell(number(ends[f"{what}_{when}"], 3), "best" if _is_best(ends, what, when) else "")
             for what in ("position", "velocity")
@@ -96,5 +110,7 @@ def _joints(own: pd.DataFrame) -> str:
     return table(heads, body)
 
 
-def _is_best(ends: dict[str, float], what: str, when: str) -> bool:
-    return ends[f"{what}_{when}"] == min(ends[f"{what}_before"], ends[f"{what}_after"])
+def _is_best(ends: dict[str, float | None], what: str, when: str) -> bool:
+    own = ends[f"{what}_{when}"]
+    there = [size for size in (ends[f"{what}_before"], ends[f"{what}_after"]) if size is not None]
+    return own is not None and own == min(there)
