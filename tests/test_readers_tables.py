@@ -260,8 +260,8 @@ def test_bad_parquet(tmp_path: Path) -> None:
 def test_unknown_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         read_log(tmp_path / "none.csv", JOINTS)
-    with pytest.raises(InputError, match=r"unknown suffix '\.mat'"):
-        read_log(write(tmp_path, "x", "run.mat"), JOINTS)
+    with pytest.raises(InputError, match=r"unknown suffix '\.xlsx'"):
+        read_log(write(tmp_path, "x", "run.xlsx"), JOINTS)
 
 
 def test_odd_but_usable_logs_are_remarked_on(tmp_path: Path) -> None:

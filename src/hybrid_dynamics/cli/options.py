@@ -15,7 +15,8 @@ EXIT_CODES = "Exit codes: 0 a verdict or result, 2 unusable input or settings, 1
 LOG_HELP = (
     "A LOG is CSV or Parquet with the header time,q1..qn[,dq1..dqn],tau1..taun (SI units; joints in the order of the "
     "URDF; torque is what the drive delivers, positive along the joint axis), the same packed (.csv.gz) or from "
-    "standard input (-), or a ROS bag or MCAP with JointState; --log, --columns and --units say how others are read."
+    "standard input (-), arrays of these names from NumPy or MATLAB (.npz, .mat), or a ROS bag or MCAP with "
+    "JointState; --log, --columns and --units say how others are read."
 )
 
 

@@ -13,16 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from scipy.interpolate import CubicSpline
 from scipy.signal import firwin, upfirdn
 
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.readers.clock import even_stamps, stamps_from_velocity
+from hybrid_dynamics.readers.columnar import ARRAYS, PARQUET, read_columns
 from hybrid_dynamics.readers.delimited import STANDARD_INPUT, read_delimited
 from hybrid_dynamics.readers.description import SIGNALS, STACKED, LogDescription
 from hybrid_dynamics.readers.resample import ResampleSettings, uniform_step
-from hybrid_dynamics.readers.table import PARQUET, check_plausible, check_time, numbers_of, too_few
+from hybrid_dynamics.readers.table import check_plausible, check_time, numbers_of, too_few
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
 
@@ -160,14 +160,8 @@ def _file_of(path: str | os.PathLike[str], description: LogDescription, signal: 
 
 
 def _table(file: str, description: LogDescription) -> tuple[pa.Table, int]:
-    if file != STANDARD_INPUT and Path(file).suffix.lower() in PARQUET:
-        try:
-            return pq.ParquetFile(file).read(), 1
-        except FileNotFoundError:
-            raise InputError(f"{file}: no such file; give the path of a log") from None
-        except (pa.ArrowException, OSError) as error:
-            reason = str(error).splitlines()[0]
-            raise InputError(f"{file}: not a readable Parquet file ({reason}); write or copy it again") from None
+    if file != STANDARD_INPUT and Path(file).suffix.lower() in (*PARQUET, *ARRAYS):
+        return read_columns(Path(file)), 1
     return read_delimited(file, description.delimiter, description.header, description.skip_rows)
 
 

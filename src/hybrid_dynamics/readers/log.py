@@ -12,12 +12,13 @@ import numpy as np
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.files import check_target
 from hybrid_dynamics.readers.bags import BAG_SUFFIXES, read_bag
+from hybrid_dynamics.readers.columnar import PARQUET
 from hybrid_dynamics.readers.delimited import STANDARD_INPUT
 from hybrid_dynamics.readers.described import converted, read_described
 from hybrid_dynamics.readers.description import COMPENSATED, LogDescription, load_description
 from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import ResampleSettings, resample, uniform_step
-from hybrid_dynamics.readers.table import PARQUET, read_raw_table, too_few, write_log
+from hybrid_dynamics.readers.table import read_raw_table, too_few, write_log
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Notify
@@ -34,8 +35,8 @@ def read_raw(
     torque: bool = True,
     log: LogDescription | None = None,
 ) -> Trajectory:
-    """A checked log (CSV, Parquet, bag, MCAP, bag folder) of ``robot`` (or of joints with these names), with its own
-    time stamps. Raises :class:`InputError`.
+    """A checked log (CSV, Parquet, .npz, .mat, bag, MCAP, bag folder) of ``robot`` (or of joints of these names), with
+    its own time stamps. Raises :class:`InputError`.
 
     Without ``torque`` a log needs none, and none is read. ``log`` says how it is read where it is not
     ``time,q1..qn[,dq1..dqn],tau1..taun`` in SI units (what a ``log.yaml`` holds).
@@ -66,7 +67,7 @@ def _as_logged(
         tell = notify or (lambda message: None)
         return read_described(path, joint_names, log or LogDescription(), name, split, settings, tell, torque)
     if not file.exists():
-        raise InputError(f"{file}: no such file; give the path of a log (CSV, Parquet, bag or MCAP)")
+        raise InputError(f"{file}: no such file; give the path of a log (CSV, Parquet, .npz, .mat, bag or MCAP)")
     if file.is_dir() or file.suffix.lower() in BAG_SUFFIXES:
         trajectory = read_bag(file, joint_names, name, split, topic, notify, torque)
         if len(trajectory.time) < settings.min_rows:

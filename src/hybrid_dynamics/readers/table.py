@@ -1,4 +1,4 @@
-"""A user's log, CSV or Parquet: header ``time,q1..qn[,dq1..dqn],tau1..taun``, one run a file, SI units.
+"""A user's log, CSV, Parquet or arrays: header ``time,q1..qn[,dq1..dqn],tau1..taun``, one run a file, SI units.
 
 Everything that makes a log unusable is refused in one line that names file, column, row (1-based, counted as a text
 editor counts lines of a CSV: the header is row 1) and what was expected.
@@ -18,15 +18,14 @@ import pyarrow.parquet as pq
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import atomic_path
+from hybrid_dynamics.readers.columnar import ARRAYS, PARQUET, TIMES, read_columns
 from hybrid_dynamics.readers.resample import ResampleSettings
 from hybrid_dynamics.trajectory import UNITS, Trajectory
 from hybrid_dynamics.types import Array, Notify
 
 LAYOUT = "time,q1..qn[,dq1..dqn],tau1..taun"
-#: Suffixes of Parquet files, in either case.
-PARQUET = (".parquet", ".pq")
-#: What others call the time.
-_TIMES = ("t", "time", "timestamp", "stamp", "time_s", "seconds", "secs")
+#: Suffixes of tables of text.
+TEXT = (".csv", ".txt", ".tsv", ".dat")
 MAX_STEP = 0.5
 SUSPICIOUS_ANGLE = 30.0
 #: A log of few samples is too slow rather than too short below this rate [Hz].
@@ -129,17 +128,11 @@ def _load(file: Path) -> tuple[pa.Table, int]:
     suffix = file.suffix.lower()
     if not file.is_file():
         raise InputError(f"{file}: no such file; give the path of a CSV or Parquet log")
-    if suffix in PARQUET:
-        try:
-            return pq.ParquetFile(file).read(), 1
-        except (pa.ArrowException, OSError) as error:
-            reason = str(error).splitlines()[0]
-            raise InputError(
-                f"{file}: not a readable Parquet file, or a truncated one ({reason}); write or copy it again"
-            ) from None
-    if suffix not in (".csv", ".txt"):
+    if suffix in (*PARQUET, *ARRAYS):
+        return read_columns(file), 1
+    if suffix not in TEXT:
         raise InputError(
-            f"{file}: unknown suffix {suffix!r}; expected .csv or .parquet (a bag: hybrid-dynamics import)"
+            f"{file}: unknown suffix {suffix!r}; expected .csv, .parquet, .npz or .mat (a bag: hybrid-dynamics import)"
         )
     return _load_csv(file), 2
 
@@ -158,9 +151,9 @@ def _load_csv(file: Path) -> pa.Table:
         raise InputError(f"{file}: row 1: no comma in {header[:40]!r}; expected a comma-separated header {LAYOUT}")
     names = [field.strip().strip('"') for field in header.split(mark)]
     if "time" not in names:
-        other = next((name for name in names if name.lower() in _TIMES), None)
-        remedy = "or --columns" if other is None else f"or --columns time={other}"
-        raise InputError(f"{file}: row 1: column 'time' is missing in {header[:40]!r}; expected {LAYOUT} ({remedy})")
+        raise InputError(
+            f"{file}: row 1: column 'time' is missing in {header[:40]!r}; expected {LAYOUT} ({_other_time(names)})"
+        )
     twice = sorted({field for field in names if names.count(field) > 1})
     if twice:
         raise InputError(f"{file}: column {twice[0]!r} stands twice in the header; expected {LAYOUT}")
@@ -189,6 +182,12 @@ def _load_csv(file: Path) -> pa.Table:
     return table.slice(0, table.num_rows - _trailing_blanks(table))
 
 
+def _other_time(names: Sequence[str]) -> str:
+    """What to do where none of ``names`` is the time's."""
+    other = next((name for name in names if name.lower() in TIMES), None)
+    return "or --columns" if other is None else f"or --columns time={other}"
+
+
 def _trailing_blanks(table: pa.Table) -> int:
     """Number of empty lines at the end of a CSV file (each became a row of empty fields)."""
     count = 0
@@ -207,7 +206,7 @@ def _count_rows(file: Path) -> int:
 def _signals(table: pa.Table, file: Path, joint_names: Sequence[str], torque: bool) -> list[str]:
     names, n = set(table.column_names), len(joint_names)
     if "time" not in names:
-        raise InputError(f"{file}: column 'time' is missing; expected {LAYOUT}")
+        raise InputError(f"{file}: column 'time' is missing; expected {LAYOUT} ({_other_time(table.column_names)})")
     velocity = any(re.fullmatch(r"dq\d+", name) for name in names)
     signals = ["q", *(["dq"] if velocity else []), *(["tau"] if torque else [])]
     for signal in signals:

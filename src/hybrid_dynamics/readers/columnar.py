@@ -1,0 +1,121 @@
+"""Files that hold columns rather than lines: Parquet, and the arrays that NumPy and MATLAB save.
+
+An array of T rows and k columns called ``q`` becomes the columns ``q1`` to ``qk``; a vector of T keeps its name, and is
+the first column of its name besides, since a robot may have one joint. T is the length of the time, or else the longest
+there is; arrays of another size (a rate, a list of names) are no part of the log. The columns of an array that is alone
+are called ``1`` to ``k`` as well, as those of a table without a header. Fields of a struct are called ``struct.field``;
+where a file holds one struct and nothing else of that length, ``field``.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.types import Array
+
+#: Suffixes of Parquet files, in either case.
+PARQUET = (".parquet", ".pq")
+#: Suffixes of files of named arrays.
+ARRAYS = (".npz", ".mat")
+#: What others call the time.
+TIMES = ("t", "time", "timestamp", "stamp", "time_s", "seconds", "secs")
+
+
+def read_columns(file: Path) -> pa.Table:
+    """The columns of a Parquet, NumPy or MATLAB ``file``. Raises :class:`InputError` where it cannot be read."""
+    if not file.is_file():
+        raise InputError(f"{file}: no such file; give the path of a log")
+    if file.suffix.lower() in PARQUET:
+        try:
+            return pq.ParquetFile(file).read()
+        except (pa.ArrowException, OSError) as error:
+            reason = str(error).splitlines()[0]
+            raise InputError(
+                f"{file}: not a readable Parquet file, or a truncated one ({reason}); write or copy it again"
+            ) from None
+    return pa.table(_columns(file, _numpy(file) if file.suffix.lower() == ".npz" else _matlab(file)))
+
+
+def _numpy(file: Path) -> dict[str, Any]:
+    if not zipfile.is_zipfile(file):
+        if file.read_bytes()[:6] == b"\x93NUMPY":
+            raise InputError(f"{file}: one array without a name; save it with numpy.savez(file, time=..., q=...)")
+        raise InputError(f"{file}: not an .npz file, or a truncated one; save or copy it again")
+    try:
+        with np.load(file, allow_pickle=False) as content:
+            return dict(_readable(content))
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{file}: not a readable .npz file ({reason}); save or copy it again") from None
+
+
+def _readable(content: Any) -> Iterator[tuple[str, Any]]:
+    """The arrays of an archive that are numbers: what is pickled may be code, and stays unread."""
+    for name in content.files:
+        try:
+            yield name, content[name]
+        except ValueError as error:
+            if "pickle" not in str(error):
+                raise
+
+
+def _matlab(file: Path) -> dict[str, Any]:
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        content = loadmat(file, simplify_cells=True)
+    except NotImplementedError:
+        raise InputError(
+            f"{file}: a MATLAB file of version 7.3; save it with save('{file.name}', '-v7') or as CSV"
+        ) from None
+    except (MatReadError, OSError, ValueError, TypeError, KeyError, IndexError, EOFError, zlib.error) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"{file}: not a readable MATLAB file ({reason}); save or copy it again") from None
+    return {name: value for name, value in content.items() if not name.startswith("__")}
+
+
+def _columns(file: Path, content: Mapping[str, Any]) -> dict[str, Array]:
+    """Columns of the arrays in ``content`` that are as long as the run."""
+    arrays = dict(_arrays(content, ""))
+    lengths = [max(a.shape) for name, a in arrays.items() if min(a.shape) == 1 and name.split(".")[-1].lower() in TIMES]
+    rows = max(lengths or [max(a.shape) for a in arrays.values()], default=0)
+    taken = {name: a if a.shape[0] == rows else a.T for name, a in arrays.items() if rows in a.shape}
+    if not taken or rows < 2:
+        raise InputError(
+            f"{file}: no arrays of numbers; expected time (T,), q (T, n) and tau (T, n), or arrays of other names "
+            "(--columns says which)"
+        )
+    alone = len({name.rsplit(".", 1)[0] if "." in name else "" for name in taken}) == 1
+    out: dict[str, Array] = {}
+    for full, values in taken.items():
+        name = full.rsplit(".", 1)[-1] if alone else full
+        own = {name: values[:, 0]} if values.shape[1] == 1 else {}
+        if values.shape[1] > 1 or not name[-1:].isdigit():
+            own |= {f"{name}{k + 1}": column for k, column in enumerate(values.T)}
+        if len(taken) == 1:
+            own |= {str(k + 1): column for k, column in enumerate(values.T)}
+        if twice := sorted(set(own) & set(out)):
+            raise InputError(f"{file}: column {twice[0]!r} stands in it twice, once in an array; leave one of them out")
+        out |= own
+    return out
+
+
+def _arrays(content: Mapping[str, Any], within: str) -> Iterator[tuple[str, Array]]:
+    """Arrays of real numbers, vectors as columns, with the names of the structs they are in."""
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _arrays(value, f"{within}{name}.")
+            continue
+        array = np.asarray(value)
+        if array.dtype.kind in "fiub" and array.ndim in (1, 2) and array.size:
+            yield f"{within}{name}", np.asarray(array.reshape(-1, 1) if array.ndim == 1 else array, float)
