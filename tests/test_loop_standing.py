@@ -13,7 +13,7 @@ from tests.small_arm import arm
 from hybrid_dynamics.cli.words import details
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop import LoopSettings, Model, close_loop, standing, write_diagnosis
+from hybrid_dynamics.loop import LoopSettings, Model, close_loop, resting, write_diagnosis
 from hybrid_dynamics.loop.carried import Left
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.process import process
@@ -202,7 +202,7 @@ def test_a_torque_that_comes_late_is_still_that_of_the_motion_before(monkeypatch
 
     assert seen(of) == [False, False]
     assert seen(pushed(of, 8.0)) == [True, False]
-    monkeypatch.setattr(standing, "FORGETS", 0.0)
+    monkeypatch.setattr(resting, "FORGETS", 0.0)
     assert seen(of) == [True, False], "the control"
 
 

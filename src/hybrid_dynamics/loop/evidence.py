@@ -46,10 +46,12 @@ class Evidence:
     asks for them) spares time and changes nothing.
     """
 
-    def __init__(self, linearisation: Linearisation, weights: Array) -> None:
+    def __init__(self, linearisation: Linearisation, weights: Array, at_rest: Array) -> None:
         self.problem: Problem = linearisation.problem
         self.weights = weights
-        weights.flags.writeable = False
+        #: (n,) of every row in which a joint stands.
+        self._at_rest = at_rest
+        weights.flags.writeable = at_rest.flags.writeable = False
         self._linear = linearisation
         #: Held-out predictions of terms that follow no model: the same at every point with this target.
         self._still: dict[_Asked, Held] = {}
@@ -60,7 +62,7 @@ class Evidence:
     def of(cls, base: Model, runs: Sequence[Run], terms: Sequence[Term], settings: LoopSettings) -> Evidence:
         """Of ``runs`` at the starting model ``base``, with columns of ``terms`` and joints weighed alike."""
         problem = Problem(base, runs, settings)
-        return cls(Linearisation.of(problem, terms), np.ones(problem.n))
+        return cls(Linearisation.of(problem, terms), np.ones(problem.n), np.zeros(problem.n))
 
     # -- what it holds ----------------------------------------------------------------------------------------------
     @property
@@ -150,23 +152,24 @@ class Evidence:
     def weigh(self, floor: Array) -> Evidence:
         """With joints weighed in every fit and score by ``floor`` (n,) [N m]; one without a floor counts nothing."""
         seen = floor > 0
-        return Evidence(self._linear, np.where(seen, 1.0 / np.where(seen, floor, 1.0) ** 2, 0.0))
+        weights = np.where(seen, 1.0 / np.where(seen, floor, 1.0) ** 2, 0.0)
+        return Evidence(self._linear, weights, self.problem.resting.weights(floor))
 
     def fold_by_time(self) -> Evidence:
         """Folded anew: parts of every run in turn, so that every run is in every fit."""
         folds = folds_by_time(self.runs, self.blocks, self.settings.time_folds)
-        return Evidence(self._linear.folded(folds), self.weights)
+        return Evidence(self._linear.folded(folds), self.weights, self._at_rest)
 
     def leave_out(self, run: int, rows: slice, joint: int | None = None) -> Evidence:
         """Where ``rows`` of run number ``run`` count no more, on ``joint`` or on all."""
-        return Evidence(self._linear.without_rows(run, rows, joint), self.weights)
+        return Evidence(self._linear.without_rows(run, rows, joint), self.weights, self._at_rest)
 
     def adding(self, terms: Sequence[Term]) -> Evidence:
         """With the columns of ``terms`` (those not there yet)."""
         linear = self._linear.adding(terms)
         if linear is self._linear:
             return self
-        out = Evidence(linear, self.weights)
+        out = Evidence(linear, self.weights, self._at_rest)
         # Columns have kept their numbers. What is added here another value may number otherwise: copies.
         out._still, out._following = self._still.copy(), self._following.copy()
         out._multiples = self._multiples.copy()
@@ -180,7 +183,7 @@ class Evidence:
         linear = self._linear.at(effects).with_target(self.problem.base_target).refreshed(following)
         if linear is self._linear:
             return self
-        out = Evidence(linear, self.weights)
+        out = Evidence(linear, self.weights, self._at_rest)
         out._multiples = self._multiples
         if linear.target is self._linear.target:
             out._still = self._still
@@ -193,7 +196,7 @@ class Evidence:
     def tangent(self, effects: Sequence[Effect], left: Sequence[Array], terms: Sequence[Term], x: Array) -> Evidence:
         """The linear problem that is exact at ``x``, where ``effects``, those of ``terms``, leave ``left`` (K, n) [N m]
         of every run: target = left + columns x (Gauss-Newton)."""
-        out = Evidence(self._linear.tangent(effects, left, self.layout(terms), x), self.weights)
+        out = Evidence(self._linear.tangent(effects, left, self.layout(terms), x), self.weights, self._at_rest)
         out._multiples = self._multiples
         return out
 
@@ -209,9 +212,13 @@ class Evidence:
         return [t - part for t, part in zip(self.target, self.linear(terms, x), strict=True)]
 
     def squared_error(self, left: Sequence[Array]) -> float:
-        """Weighted squared sum, in squared floors, of residuals ``left`` (K, n) [N m] of every run: rows that count."""
-        sums = sum(np.sum(np.where(m, r, 0.0) ** 2, axis=0) for m, r in zip(self.mask, left, strict=True))
-        return float(sums @ self.weights)
+        """Weighted squared sum, in squared floors, of residuals ``left`` (K, n) [N m] of every run: over rows that
+        count, and those at rest as much as they do."""
+        out = 0.0
+        for rows, weights in ((self.mask, self.weights), (self._linear.resting, self._at_rest)):
+            sums = sum(np.sum(np.where(m, r, 0.0) ** 2, axis=0) for m, r in zip(rows, left, strict=True))
+            out += float(sums @ weights)
+        return out
 
     def columns_of(self, joint: int, columns: Indices | None = None) -> list[Array]:
         """``columns`` (c,) of ``joint``, or all, in every run (K, c); of terms whose :meth:`indices` were asked for."""
@@ -268,6 +275,10 @@ class Evidence:
                 for own, part in zip(a, picked(grams[j], column), strict=True):
                     own[places] += self.weights[j] * part.ravel()
                 b[:, position] += self.weights[j] * grams[j][:, column, -1]
+                rest = self._linear.rest[j]
+                if self._at_rest[j] and rest is not None:
+                    a[:, places] += self._at_rest[j] * picked(rest[None], column).ravel()
+                    b[:, position] += self._at_rest[j] * rest[column, -1]
         a[:, :: size + 1] += self.prior(layout)
         return a.reshape(many, size, size) + self._defined(layout) + self.problem.alike(layout), b
 

@@ -24,6 +24,8 @@ from hybrid_dynamics.loop.sums import FoldSums
 from hybrid_dynamics.types import Array
 
 Mask = NDArray[np.bool_]
+#: A run's number and some of its rows.
+_Part = tuple[int, slice]
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,8 @@ class Linearisation:
 
     Of the terms that follow a model those in ``fresh`` have the columns of the starting model with ``effects``; of the
     others nothing may be asked before :meth:`refreshed`. ``gram``: per joint and block, of all columns and, as the last
-    one, the target; ``sums``: of these over ``folds``.
+    one, the target; ``sums``: of these over ``folds``; ``at_rest``: the same per joint and run, over rows ``resting``
+    (K, n) in which the joint stands.
     """
 
     columns: Columns
@@ -44,6 +47,8 @@ class Linearisation:
     moving: Moving
     gram: tuple[BlockGrams, ...]
     sums: FoldSums
+    resting: tuple[Mask, ...]
+    at_rest: tuple[BlockGrams, ...]
 
     @classmethod
     def of(cls, problem: Problem, terms: Sequence[Term]) -> Linearisation:
@@ -52,9 +57,12 @@ class Linearisation:
         following = columns.following
         moving = columns.following_model([], following, columns.nothing_moving())
         mask = tuple(run.mask for run in problem.runs)
-        gram = _products(columns, moving, problem.base_target, mask)
+        target, resting = problem.base_target, problem.resting.rows
+        gram = _products(columns, moving, target, mask, _in_blocks(problem.folds))
         sums = FoldSums.of(gram, problem.folds)
-        return cls(columns, mask, problem.folds, problem.base_target, (), frozenset(following), moving, gram, sums)
+        at_rest = _products(columns, moving, target, resting, _whole(problem))
+        fresh = frozenset(following)
+        return cls(columns, mask, problem.folds, target, (), fresh, moving, gram, sums, resting, at_rest)
 
     @property
     def problem(self) -> Problem:
@@ -68,6 +76,15 @@ class Linearisation:
         rows = zip(blocks.run, blocks.rows, strict=True)
         return np.array([self.mask[r][low:high].sum(axis=0) for r, (low, high) in rows], float)
 
+    @cached_property
+    def rest(self) -> tuple[Array | None, ...]:
+        """Per joint the sum (p + 1, p + 1) of :attr:`at_rest` over all runs; None where the joint never stands."""
+        stands = np.any([own.any(axis=0) for own in self.resting], axis=0)
+        return tuple(
+            gram.totals(np.ones((1, len(self.resting))))[0] if own else None
+            for gram, own in zip(self.at_rest, stands, strict=True)
+        )
+
     # -- other values -----------------------------------------------------------------------------------------------
     def folded(self, folds: Folds) -> Linearisation:
         """The same with other folds."""
@@ -75,10 +92,15 @@ class Linearisation:
 
     def without_rows(self, run: int, rows: slice, joint: int | None = None) -> Linearisation:
         """The same where ``rows`` of run number ``run`` count no more, on ``joint`` or on all."""
-        mask = tuple(m.copy() if r == run else m for r, m in enumerate(self.mask))
-        mask[run][rows, slice(None) if joint is None else joint] = False
-        gram = _products(self.columns, self.moving, self.target, mask)
-        return replace(self, mask=mask, gram=gram, sums=FoldSums.of(gram, self.folds))
+        joints = slice(None) if joint is None else joint
+        mask, resting = (
+            tuple(m.copy() if r == run else m for r, m in enumerate(own)) for own in (self.mask, self.resting)
+        )
+        mask[run][rows, joints] = resting[run][rows, joints] = False
+        gram = _products(self.columns, self.moving, self.target, mask, _in_blocks(self.folds))
+        at_rest = _products(self.columns, self.moving, self.target, resting, _whole(self.problem))
+        sums = FoldSums.of(gram, self.folds)
+        return replace(self, mask=mask, gram=gram, sums=sums, resting=resting, at_rest=at_rest)
 
     def adding(self, terms: Sequence[Term]) -> Linearisation:
         """The same with the columns of ``terms`` (those not there yet)."""
@@ -89,13 +111,17 @@ class Linearisation:
         moving = columns.following_model(self.effects, following, self.moving)
         fresh = self.fresh.union(following)
         out = replace(self, columns=columns, moving=moving, fresh=fresh)
-        gram, changed = list(self.gram), dict[int, Indices | None]()
+        gram, at_rest, changed = list(self.gram), list(self.at_rest), dict[int, Indices | None]()
         for j, (old, new) in enumerate(zip(self.columns.size, columns.size, strict=True)):
             if new > old:
                 added = np.arange(old, new)
-                gram[j] = gram[j].grown(out._products_of(j, added), np.intersect1d(added, columns.moving[j]))
+                moves = np.intersect1d(added, columns.moving[j])
+                gram[j] = gram[j].grown(out._in_motion(j, added), moves)
+                at_rest[j] = at_rest[j].grown(out._at_rest(j, added), moves)
                 changed[j] = None
-        return replace(out, gram=tuple(gram), sums=self.sums.renewed(gram, changed)) if changed else out
+        if not changed:
+            return out
+        return replace(out, gram=tuple(gram), sums=self.sums.renewed(gram, changed), at_rest=tuple(at_rest))
 
     def at(self, effects: Sequence[Effect]) -> Linearisation:
         """The same with columns that follow a model as of the starting model with ``effects``, once asked for."""
@@ -145,31 +171,44 @@ class Linearisation:
         """The same with new products where ``changed``: of each such joint the columns, or the target as the last."""
         if not changed:
             return self
-        gram = list(self.gram)
+        gram, at_rest = list(self.gram), list(self.at_rest)
         for j, columns in changed.items():
-            gram[j] = gram[j].replaced(columns, self._products_of(j, columns))
-        return replace(self, gram=tuple(gram), sums=self.sums.renewed(gram, changed))
+            gram[j] = gram[j].replaced(columns, self._in_motion(j, columns))
+            at_rest[j] = at_rest[j].replaced(columns, self._at_rest(j, columns))
+        return replace(self, gram=tuple(gram), sums=self.sums.renewed(gram, changed), at_rest=tuple(at_rest))
 
-    def _products_of(self, j: int, columns: Indices) -> Array:
+    def _in_motion(self, j: int, columns: Indices) -> Array:
         """(blocks, c, p + 1) products of ``columns`` (c,) of joint ``j`` (the target is the last one) with all."""
-        blocks, size = self.folds.blocks, self.columns.size[j]
-        out = np.empty((len(blocks), len(columns), size + 1))
-        counted = [self._counted(r, j, columns) for r in range(len(self.mask))]
-        for b, (low, high) in enumerate(blocks.rows):
-            r, rows = blocks.run[b], slice(low, high)
-            own = counted[r][:, rows]
+        return self._products_of(j, columns, self.mask, _in_blocks(self.folds))
+
+    def _at_rest(self, j: int, columns: Indices) -> Array:
+        """(runs, c, p + 1), the same over the rows in which the joint stands."""
+        return self._products_of(j, columns, self.resting, _whole(self.problem))
+
+    def _products_of(self, j: int, columns: Indices, mask: Sequence[Mask], parts: Sequence[_Part]) -> Array:
+        size = self.columns.size[j]
+        out = np.empty((len(parts), len(columns), size + 1))
+        counted = [self._counted(r, j, columns, own[:, j]) for r, own in enumerate(mask)]
+        for b, (r, rows) in enumerate(parts):
+            whole = counted[r]
+            if whole is None:
+                out[b] = 0.0
+                continue
+            own = whole[:, rows]
             out[b, :, :-1] = self.columns.times(own, r, j, self.moving, rows)
             out[b, :, -1] = own @ self.target[r][rows, j]
         return out
 
-    def _counted(self, r: int, j: int, columns: Indices) -> Array:
+    def _counted(self, r: int, j: int, columns: Indices, mask: Mask) -> Array | None:
         """``columns`` (c,) of joint ``j``, the target behind the last one, in run number ``r``, (c, K): 0 in rows that
-        do not count."""
+        do not count; None where none does."""
+        if not mask.any():
+            return None
         own = np.empty((len(columns), len(self.target[r])))
         of_target = columns == self.columns.size[j]
         own[~of_target] = self.columns.pick(r, j, columns[~of_target], self.moving).T
         own[of_target] = self.target[r][:, j]
-        own[:, ~self.mask[r][:, j]] = 0.0
+        own[:, ~mask] = 0.0
         return own
 
 
@@ -184,15 +223,25 @@ def _same_bodies(some: Sequence[Effect], others: Sequence[Effect]) -> bool:
     return one == other
 
 
+def _in_blocks(folds: Folds) -> list[_Part]:
+    return [(r, slice(*rows)) for r, rows in zip(folds.blocks.run, folds.blocks.rows, strict=True)]
+
+
+def _whole(problem: Problem) -> list[_Part]:
+    return [(r, slice(0, len(run.time))) for r, run in enumerate(problem.runs)]
+
+
 def _products(
-    columns: Columns, moving: Moving, target: Sequence[Array], mask: Sequence[Mask]
+    columns: Columns, moving: Moving, target: Sequence[Array], mask: Sequence[Mask], parts: Sequence[_Part]
 ) -> tuple[BlockGrams, ...]:
-    """Products of all columns and, as the last one, the ``target``, per joint and block, over rows of ``mask``."""
-    blocks, out = columns.problem.blocks, []
+    """Products of all columns and, as the last one, the ``target``, per joint and part of a run, over rows of
+    ``mask``."""
+    out = []
     for j, size in enumerate(columns.size):
-        gram = np.zeros((len(blocks), size + 1, size + 1))
-        for b, (low, high) in enumerate(blocks.rows):
-            r, rows = blocks.run[b], slice(low, high)
+        gram = np.zeros((len(parts), size + 1, size + 1))
+        for b, (r, rows) in enumerate(parts):
+            if not mask[r][rows, j].any():
+                continue
             own = columns.pick(r, j, np.arange(size), moving, rows)
             counted = np.column_stack([own, target[r][rows, j]])[mask[r][rows, j]]
             gram[b] = counted.T @ counted

@@ -17,8 +17,8 @@ from scipy.stats import t as student
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.sign import AT_REST, MIDDLE
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.resting import rests
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.standing import rests
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.types import Array
 

@@ -20,6 +20,7 @@ from hybrid_dynamics.loop.layout import Layout, make_room
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.physics import physical_constraints
 from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.resting import Resting, resting_rows
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.solve import Constraints
 from hybrid_dynamics.types import Array
@@ -79,6 +80,11 @@ class Problem:
     def base_torque(self) -> tuple[Array, ...]:
         """Smoothed torque (K, n) [N m] of the starting model in every run."""
         return tuple(run.tau - left for run, left in zip(self.runs, self.base_target, strict=True))
+
+    @cached_property
+    def resting(self) -> Resting:
+        """Rows in which joints stand."""
+        return resting_rows(self.base, self.runs, self.base_target, self.settings)
 
     @cached_property
     def base_places(self) -> dict[Term, Array]:

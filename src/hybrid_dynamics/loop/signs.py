@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.sign import WIDTH, displacement_settings, sign_part, width_settings, with_sign
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.standing import rests
+from hybrid_dynamics.loop.resting import rests
 from hybrid_dynamics.loop.trace import Judge
 
 #: A sign of this width [rad/s] is sharp but for speeds that nobody tells from rest; it comes in where no more than this

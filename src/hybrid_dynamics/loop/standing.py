@@ -20,12 +20,10 @@ from hybrid_dynamics.effects.units import unit_at
 from hybrid_dynamics.loop.carried import Left, rows_and_rms
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.resting import Mask, standing_rows
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.types import Array
 
-Mask = NDArray[np.bool_]
-#: A joint rests where it stays slow for so long [s]; so much at both ends is braking and starting.
-RESTS, ENDS = 0.4, 0.1
 #: Friction holds up to so many times what it brakes with at slow speed: the torque at which a joint breaks away.
 BREAKS_AWAY = 2.0
 #: Noise reaches so many times its rms, and now and then farther.
@@ -33,8 +31,6 @@ NOISE = 4.0
 #: It is told of a run in which it lasts so long [s] in all, and for such a share of the time at which the joint stands,
 #: or for so long [s] of however much.
 LASTS, SHARE, LONG = 0.5, 0.05, 3.0
-#: A low-pass has forgotten what was there so many of its time constants before.
-FORGETS = 4.0
 #: Median of the size of normal noise, in standard deviations.
 MEDIAN = 0.6745
 #: Stretches told of a run, and runs.
@@ -88,7 +84,7 @@ def beyond_friction(
     for part, noise in ((train, known), (test, np.maximum(known, _usual(test)))):
         for run, _, _ in part:
             own_model = model.in_run(run.name)
-            slow = _standing(own_model, run, speed)
+            slow = standing_rows(own_model, run, speed)
             dt = float(run.time[1] - run.time[0])
             stood = dt * slow.sum(axis=0)
             joints = [int(j) for j in np.flatnonzero((floor > 0) & (stood >= LASTS))]
@@ -109,17 +105,6 @@ def beyond_friction(
     time = np.where(seconds > 0, seconds, 1.0)
     whole = np.maximum(square + _squares([*train, *test]), 1e-300)
     return Standing(seconds, np.sqrt(square / time), held / time, square / whole, tuple(map(_runs, where)))
-
-
-def _standing(model: Model, run: Run, speed: float) -> Mask:
-    """(K, n) where each joint has been slower than ``speed`` over the filter's window, and for as long as the torque of
-    the motion before is still recorded, by the ``model`` of this run."""
-    slow = run.smooth((np.abs(run.motion.dq) < speed).astype(float)) > 1.0 - 1e-9
-    read = model.readings
-    rows = np.arange(len(slow))[:, None]
-    last = np.maximum.accumulate(np.where(slow, -len(slow), rows), axis=0)
-    since = (rows - last) * float(run.time[1] - run.time[0])
-    return np.asarray(slow & (since > read.delay + FORGETS * read.lag))
 
 
 def _going_on(model: Model, run: Run, joint: int, left: Array, slow: NDArray[np.bool_]) -> Mask:
@@ -169,14 +154,3 @@ def _usual(parts: Sequence[Left]) -> Array:
         own = np.concatenate([left[keep[:, j], j] for _, left, keep in parts])
         out.append(float(np.median(np.abs(own))) / MEDIAN if len(own) else 0.0)
     return np.array(out)
-
-
-def rests(time: Array, slow: NDArray[np.bool_]) -> list[slice]:
-    """Rows within each stretch of ``slow`` (K,) that lasts :data:`RESTS`, without its :data:`ENDS`."""
-    out = []
-    for (stretch,) in find_objects(label(slow)[0]):
-        first, last = time[stretch][[0, -1]]
-        if last - first >= RESTS:
-            low, high = np.searchsorted(time, (first + ENDS, last - ENDS))
-            out.append(slice(int(low), int(high)))
-    return out
