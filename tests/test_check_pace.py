@@ -60,3 +60,15 @@ def test_a_torque_without_weight_is_told_as_that_and_not_as_a_clock(panda, run):
     bare = run.with_signals(tau=run["tau"] - weight)
     assert clock(panda, bare, 1.0) == []
     assert [f.code for f in check_torque(panda, [bare])[0] if f.severity == "hard"] == ["torque_weight"]
+
+
+def test_a_torque_that_nobody_measured_is_no_clock(panda, run):
+    # Zeros hold no inertia, to the last digit.
+    tau = run["tau"].copy()
+    for silent in ([4, 5, 6], [0, 2, 4, 5, 6]):
+        tau[:, silent] = 0.0
+        assert clock(panda, run.with_signals(tau=tau), 1.0) == []
+    tau = run["tau"].copy()
+    tau[:, 6] = 0.0
+    (found,) = clock(panda, run.with_signals(tau=tau), 2.0)
+    assert "2 times too slow" in found.text

@@ -175,6 +175,33 @@ def test_current_sign_gain_offset(tmp_path: Path) -> None:
     same(read_log(path, JOINTS, log=describe(keys)), atol=1e-7)
 
 
+def test_a_joint_whose_torque_nobody_measured(tmp_path: Path) -> None:
+    true, said = motion(TIME), list[str]()
+    whole = named(true, {"time": "t", "q": "q{i}", "dq": "dq{i}", "tau": "effort_{joint}"}, TIME)
+    columns = {"time": "t", "tau": "effort_{joint}"}
+    keys = {"columns": columns, "no_torque": ["shoulder"], "offset": {"tau": 3.0}}
+    without = {name: values for name, values in whole.items() if name != "effort_shoulder"}
+    listed = {**columns, "tau": ["effort_base", "effort_wrist"]}
+    for content, own in ((whole, keys), (without, keys), (without, {**keys, "columns": listed})):
+        path = write(tmp_path / "run.csv", table(content))
+        run = read_log(path, JOINTS, log=describe(own), notify=said.append)
+        assert not run["tau"][:, 1].any()
+        np.testing.assert_allclose(run["tau"][:, [0, 2]], true["tau"][:, [0, 2]] + 3.0)
+        np.testing.assert_allclose(run["q"], true["q"])
+    assert any("tau2 (shoulder) is zero throughout: nothing to learn about that joint" in line for line in said)
+    numbered = write(tmp_path / "bare.csv", table(without, header=False))
+    run = read_log(
+        numbered,
+        JOINTS,
+        log=describe(
+            {"header": False, "columns": {"time": 1, "q": "2-4", "dq": "5-7", "tau": "8-9"}, "no_torque": ["shoulder"]}
+        ),
+    )
+    np.testing.assert_allclose(run["tau"][:, 2], true["tau"][:, 2])
+    with pytest.raises(ConfigError, match=r"log.no_torque holds 'elbow'; expected joints of the robot: base, shoulder"):
+        read_log(path, JOINTS, log=describe({**keys, "no_torque": ["elbow"]}))
+
+
 def test_commanded_torque(tmp_path: Path) -> None:
     true = motion(TIME)
     names = {"time": "time", "q": "q{i}", "dq": "dq{i}", "tau": "cmd{i}"}

@@ -44,6 +44,7 @@ def read_described(
 
     Raises :class:`InputError` naming file, column and row for what cannot be read.
     """
+    check_joints("no_torque", description.no_torque, joint_names)
     wanted = _wanted(description, torque)
     tables: dict[str, tuple[pa.Table, int]] = {}
     columns: dict[str, Array] = {}
@@ -106,6 +107,8 @@ def converted(
             name, time, arrays["q"], arrays["dq"], description.tick, description.velocity_delay, notify
         )
         arrays = {signal: values[rows] for signal, values in arrays.items()}
+    if "tau" in arrays:
+        arrays["tau"][:, [name in description.no_torque for name in joint_names]] = 0.0
     check_time(time, path, 1)
     check_plausible(path, arrays, joint_names, name, notify)
     for signal in description.drop:
@@ -184,10 +187,17 @@ def _columns(
         out = values.reshape(-1, n)
     else:
         order = tuple(description.joints) or tuple(joint_names)
-        names = _names(f"{signal}{{i}}" if spec is None else spec, signal, n, order)
-        if optional and names[0] not in table.column_names:
+        spec = f"{signal}{{i}}" if spec is None else spec
+        none = description.no_torque if signal.startswith("tau") else ()
+        listed = [joint for joint in order if joint not in none] if "{" not in str(spec) else order
+        name_of = dict(zip(listed, _names(spec, signal, len(listed), listed), strict=True))
+        if optional and name_of[order[0]] not in table.column_names:
             return None
-        out = np.column_stack([numbers_of(_pick(table, name, file, signal), name, file, first_row) for name in names])
+        out = np.zeros((table.num_rows, n))
+        for k, joint in enumerate(order):
+            if joint not in none:
+                name = name_of[joint]
+                out[:, k] = numbers_of(_pick(table, name, file, signal), name, file, first_row)
     return out[:, _order(description.joints, joint_names)]
 
 
@@ -217,6 +227,13 @@ def _pick(table: pa.Table, name: str, file: str, signal: str) -> pa.ChunkedArray
             f"{file}: column {name!r} of {signal} is missing; it holds {held}: correct log.columns.{signal}"
         )
     return table.column(name)
+
+
+def check_joints(key: str, joints: Sequence[str], joint_names: Sequence[str]) -> None:
+    """Refuse ``joints`` that the robot does not have."""
+    for joint in joints:
+        if joint not in joint_names:
+            raise ConfigError(f"log.{key} holds {joint!r}; expected joints of the robot: {', '.join(joint_names)}")
 
 
 def _order(joints: Sequence[str], joint_names: Sequence[str]) -> list[int]:

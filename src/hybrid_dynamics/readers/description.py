@@ -67,7 +67,8 @@ class LogDescription:
     ``motor_side`` signals pass the gear: motor = ``gear_matrix`` joint (or ``gear_ratio`` per joint), so that
     tau_joint = gear_matrix' tau_motor. Then joint value = sign * gain * value + offset (offset in SI units).
     ``torque_delay``, ``velocity_delay`` [s] by which a signal was recorded late. ``decimate``: keep every k-th sample
-    behind a low-pass against aliasing. ``drop``: signals that serve the clock alone.
+    behind a low-pass against aliasing. ``drop``: signals that serve the clock alone. ``no_torque``: joints whose torque
+    nobody measured, with or without columns: they move, and nothing is said of their torque.
     """
 
     columns: dict[str, Value | list[Value]] = field(default_factory=dict)
@@ -94,6 +95,7 @@ class LogDescription:
     velocity_delay: float = 0.0
     decimate: int = 1
     drop: tuple[str, ...] = ()
+    no_torque: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for key in self.columns:
@@ -219,7 +221,7 @@ def describe(values: Mapping[str, Any], origin: str = "log") -> LogDescription:
 
 
 PER_JOINT = ("sign", "gain", "offset")
-LISTS = ("joints", "torque_constant", "gear_ratio", "motor_side", "drop")
+LISTS = ("joints", "torque_constant", "gear_ratio", "motor_side", "drop", "no_torque")
 
 
 def _listed(key: str, value: Any) -> Any:
