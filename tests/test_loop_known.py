@@ -210,14 +210,38 @@ def test_what_was_known_beside_a_contradicted_name_alone_goes_with_it() -> None:
     found: Any = SimpleNamespace(start=Model(ROBOT, (sure,)), inconsistent=[], judge=judge)
 
     def lost(*effects: Effect) -> Term | None:
-        return confirm_module._unknown(found, kept[: len(effects)], Model(ROBOT, (sure, *effects)))
+        return confirm_module._unknown(found, kept[: len(effects)], Model(ROBOT, (sure, *effects)), spared)
 
+    spared: list[Term] = []
     assert lost(sure, less, least) == VISCOUS
+    spared = [VISCOUS]
+    assert lost(sure, less, least) == OFFSET
+    spared = []
     assert lost(sure, less) == OFFSET
     assert lost(sure) is None
     # Where runs disagree every run has its own numbers, and none is that of the model.
     found.inconsistent = [DRY]
     assert lost(sure, less, least) is None
+
+
+def test_a_joint_that_ends_worse_loses_what_makes_it_so_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(confirm_module, "_ends_worse", lambda *_: np.array([True, True]))
+    own, other = Term("coulomb_friction", 0), VISCOUS
+
+    def asked(relative: float, first: float, second: float) -> Any:
+        return confirm_module.TestChange(relative, 0.01, False, np.array([first, second]))
+
+    def gone(change: Any, of: Term) -> bool:
+        nothing: Any = None
+        return confirm_module._worse_joints(nothing, nothing, nothing, [of], {of: change}, []) == [of]
+
+    assert gone(asked(-0.5, 0.9, -0.9), own), "its own joint, whatever the others gain"
+    assert not gone(asked(-0.5, -0.9, 0.9), own), "it helps its joint, and the whole"
+    assert not gone(asked(0.5, -0.9, 0.9), own), "it helps its joint"
+    assert gone(asked(-0.5, -0.9, 0.9), other)
+    links = Term("inertial_parameters")
+    assert gone(asked(0.5, 0.9, -0.1), links)
+    assert not gone(asked(-0.5, 0.9, -0.9), links), "it helps the whole"
 
 
 def test_the_page_says_why_it_went() -> None:

@@ -13,6 +13,7 @@ from tests.test_loop_standing import COULOMB, FRICTION, NOISE, RATE, SETTINGS, p
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.loop import Model
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.identifiability import undetermined
 from hybrid_dynamics.loop.process import process
 from hybrid_dynamics.loop.resting import FAR, LEAST, SHARE, Resting, resting_rows
 from hybrid_dynamics.trajectory import Trajectory
@@ -99,8 +100,8 @@ def test_a_brake_or_a_hand_is_no_friction() -> None:
 def test_size_and_weight() -> None:
     of = rows([run("a", 1), run("b", 2)])
     moving = np.sum([process(run(n, s), arm(), SETTINGS.process).mask.sum(axis=0) for n, s in (("a", 1), ("b", 2))], 0)
-    # Three seconds of each run, less what the filter and the ends of a rest take.
-    assert np.all((of.samples > 3.0) & (of.samples < 7.0))
+    # One rest a run: what friction holds stays the same in it, however long it lasts.
+    assert of.samples.tolist() == [2.0, 2.0]
     assert np.all(of.samples <= np.maximum(SHARE * moving, LEAST))
     assert of.size[1] == pytest.approx(COULOMB, rel=0.05)
     count = np.sum([own.sum(axis=0) for own in of.rows], axis=0)
@@ -123,3 +124,30 @@ def test_moments_that_are_left_out_count_no_more_at_rest() -> None:
     assert without[1] == pytest.approx(control[1], abs=1e-12)
     assert without[0] == clear[0]
     assert clear[1] != control[1]
+
+
+def one_way(held: float) -> Trajectory:
+    """Both joints go forward and rest, twice; friction of 1.5 N m, which at rest holds ``held``."""
+    time = np.arange(int(16 * RATE)) / RATE
+    phase = np.clip(np.mod(time, 8.0) - 1.0, 0.0, 3.0) / 3.0
+    step = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
+    q = np.column_stack([0.8 * (step + np.floor(time / 8.0)) - 0.8] * 2)
+    spline = make_interp_spline(time, q, k=5)
+    moves = spline(time, 1) > 0.005
+    tau = arm().inverse_dynamics(q, spline(time, 1), spline(time, 2)) + np.where(moves, COULOMB, held)
+    return Trajectory(
+        "one way", "train", time, {"q": q, "tau": tau + np.random.default_rng(2).normal(size=tau.shape) * NOISE}
+    )
+
+
+@pytest.mark.parametrize("held", [0.9 * COULOMB, -0.9 * COULOMB])
+def test_what_only_rests_tell_is_left_open_and_its_error_says_so(held: float) -> None:
+    asked = terms("torque_offset") + [t for t in terms("coulomb_friction") if not t.settings]
+    of = evidence([one_way(held)], asked).weigh(FLOOR)
+    assert (of.problem.resting.samples > 0).all()
+    x = of.fit(asked)
+    errors = np.sqrt(np.diag(of.covariance(asked, x)))
+    truth = np.array([0.0, 0.0, COULOMB, COULOMB])
+    assert np.all(np.abs(x - truth) < 2 * errors)
+    for term in asked:
+        assert undetermined(of, asked, term), "a joint that goes one way does not tell an offset from friction"

@@ -51,7 +51,8 @@ def same(run: Trajectory, velocity: bool = True) -> None:
 @SAVED
 def test_arrays_of_these_names_are_the_log(tmp_path: Path, save: Save) -> None:
     # What else a workspace holds is no part of the log: a rate, a text, an array of another size.
-    rest = {"fs": 200.0, "name": "arm", "gains": np.ones((2, 2)), "limits": np.ones(2)}
+    rest = {"fs": 200.0, "name": "arm", "gains": np.ones((2, 2)), "limits": np.ones(2), "reference": np.ones(900)}
+    rest |= {"t": np.arange(4000.0), "x": np.ones((400, 3)), "x1": np.ones(400), "v": np.ones(400), "v1": np.zeros(400)}
     run = read_log(save(tmp_path, {"time": TIME, "q": Q, "dq": DQ, "tau": TAU, **rest}), JOINTS)
     same(run)
     as_text = read_log(write(tmp_path, csv_text(TIME)), JOINTS)
@@ -96,6 +97,19 @@ def test_a_struct_is_opened_and_two_are_told_apart(tmp_path: Path) -> None:
     both = mat(tmp_path, {"a": fields, "b": {**fields, "tau": 2 * TAU}})
     log = LogDescription(columns={"time": "b.time", "q": "b.q{i}", "dq": "b.dq{i}", "tau": "b.tau{i}"})
     assert np.allclose(read_log(both, JOINTS, log=log)["tau"], 2 * TAU)
+
+
+def test_two_runs_in_one_file_are_not_taken_for_one(tmp_path: Path) -> None:
+    fields = {"time": TIME, "q": Q, "tau": TAU}
+    longer = {name: np.concatenate([a, a]) for name, a in fields.items()}
+    with pytest.raises(InputError, match="column 'time' is missing"):
+        read_log(mat(tmp_path, {"first": fields, "second": longer}), JOINTS)
+
+
+def test_a_cell_of_this_and_that_is_no_part_of_the_log(tmp_path: Path) -> None:
+    cell = np.empty(3, object)
+    cell[:] = [{"a": 1}, np.arange(2.0), np.arange(3.0)]
+    same(read_log(mat(tmp_path, {"time": TIME, "q": Q, "dq": DQ, "tau": TAU, "cell": cell}), JOINTS))
 
 
 def test_nothing_is_unpickled(tmp_path: Path) -> None:

@@ -182,7 +182,13 @@ def test_a_joint_whose_torque_nobody_measured(tmp_path: Path) -> None:
     keys = {"columns": columns, "no_torque": ["shoulder"], "offset": {"tau": 3.0}}
     without = {name: values for name, values in whole.items() if name != "effort_shoulder"}
     listed = {**columns, "tau": ["effort_base", "effort_wrist"]}
-    for content, own in ((whole, keys), (without, keys), (without, {**keys, "columns": listed})):
+    every = {**columns, "tau": ["effort_base", "effort_shoulder", "effort_wrist"]}
+    for content, own in (
+        (whole, keys),
+        (without, keys),
+        (without, {**keys, "columns": listed}),
+        (without, {**keys, "columns": every}),
+    ):
         path = write(tmp_path / "run.csv", table(content))
         run = read_log(path, JOINTS, log=describe(own), notify=said.append)
         assert not run["tau"][:, 1].any()
@@ -198,7 +204,10 @@ def test_a_joint_whose_torque_nobody_measured(tmp_path: Path) -> None:
         ),
     )
     np.testing.assert_allclose(run["tau"][:, 2], true["tau"][:, 2])
-    with pytest.raises(ConfigError, match=r"log.no_torque holds 'elbow'; expected joints of the robot: base, shoulder"):
+    gear = {"motor_side": ["tau"], "gear_matrix": [[50, 0, 0], [30, 60, 0], [0, 0, 40]]}
+    with pytest.raises(ConfigError, match=r"log\.no_torque holds shoulder, whose motor turns other joints, too"):
+        read_log(path, JOINTS, log=describe({**keys, **gear}))
+    with pytest.raises(ConfigError, match=r"log\.no_torque holds 'elbow'; expected joints of the"):
         read_log(path, JOINTS, log=describe({**keys, "no_torque": ["elbow"]}))
 
 

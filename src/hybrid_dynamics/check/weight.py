@@ -146,12 +146,12 @@ def weigh(columns: Columns, gravity: Array) -> Weighed | None:
     if size <= 0 or rows < 10 * BLOCKS:
         return None
     grams = _products(columns, size)
+    # A torque that nobody measured stands as 0, and holds no inertia to the last digit.
+    grams[:, np.ptp(columns.tau, axis=0) == 0] = 0.0
     down = gravity / size
     whole = grams.sum(axis=0)
     rest = [_without_free(gram) for gram in whole]
     own = np.array([max(float(down @ r[1:4, 1:4] @ down), 0.0) for r in rest])
-    # A torque that nobody measured stands as 0, and holds no inertia to the last digit.
-    own[np.ptp(columns.tau, axis=0) == 0] = 0.0
     says = (own >= SAYS * np.array([r[4, 4] for r in rest])) & (own >= STRONG**2 * own.max(initial=0.0)) & (own > 0)
     if says.sum() < min(2, n - 1) or not says.any():
         return None

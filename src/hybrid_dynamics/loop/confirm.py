@@ -113,10 +113,17 @@ def confirm(
         refused.append(worst)
         model = found.model(kept)
     unknown: list[Term] = []
-    while refused and (lost := _unknown(found, kept, model)) is not None:
+    spared: list[Term] = []
+    while refused and (lost := _unknown(found, kept, model, spared)) is not None:
+        without = found.model([s for s in kept if s != lost])
+        change = test_change(judge, tests, model, without, 1)
+        if change.relative < -change.error:
+            # The training runs know nothing of it by itself, and the test runs do.
+            spared.append(lost)
+            continue
         kept.remove(lost)
         unknown.append(lost)
-        model = found.model(kept)
+        model = without
     refused += unknown
     if refused:
         model = _filled(judge, base, found, kept, model, tests, candidates)
@@ -124,14 +131,14 @@ def confirm(
     return Confirmation(changes, tuple(refused), model.with_inactive(inactive), tuple(unknown))
 
 
-def _unknown(found: Found, kept: Sequence[Term], model: Model) -> Term | None:
-    """The least sure name of ``kept`` of which nothing is known in ``model``, which has these alone. Where runs
-    disagree nothing was re-fitted."""
+def _unknown(found: Found, kept: Sequence[Term], model: Model, spared: Sequence[Term]) -> Term | None:
+    """The least sure name of ``kept`` of which nothing is known in ``model``, which has these alone, and which is not
+    ``spared``. Where runs disagree nothing was re-fitted."""
     if found.inconsistent:
         return None
     first = len(found.start.effects)
     own = zip(kept, model.effects[first : first + len(kept)], strict=True)
-    return known.unknown(dict(own), found.judge.evidence.robot)
+    return known.unknown({s: e for s, e in own if s not in spared}, found.judge.evidence.robot)
 
 
 def _filled(
@@ -185,10 +192,14 @@ def _worse_joints(
     asked: dict[Term, TestChange],
     tests: Sequence[Run],
 ) -> list[Term]:
-    """Names on joints that end surely worse than they began and would be better without them.
-
-    A name of another joint that makes them so goes where it helps neither its own joint nor the whole.
-    """
+    """Names that make a joint end surely worse than it began: its own, and those of other joints that help neither
+    theirs nor the whole."""
     worse = np.flatnonzero(_ends_worse(judge, base, model, tests))
-    harmful = [s for s in kept if np.any(asked[s].per_joint[worse] > PRACTICAL)]
-    return [s for s in harmful if s.joint in worse or (asked[s].relative > 0 and not _helps_its_joint(s, asked[s]))]
+
+    def harms(s: Term) -> bool:
+        if s.joint in worse and asked[s].per_joint[s.joint] > PRACTICAL:
+            return True
+        helps = asked[s].relative <= 0 or _helps_its_joint(s, asked[s])
+        return bool(np.any(asked[s].per_joint[worse] > PRACTICAL)) and not helps
+
+    return [s for s in kept if harms(s)]

@@ -16,7 +16,7 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.blocks import Blocks, Folds, Indices, folds_by_time
 from hybrid_dynamics.loop.gram import BlockGrams
 from hybrid_dynamics.loop.held import Held, change_by_block, residual_vector
-from hybrid_dynamics.loop.jackknife import covariance_of
+from hybrid_dynamics.loop.jackknife import covariance_of, covariance_of_prior
 from hybrid_dynamics.loop.layout import Layout, make_room, term_order
 from hybrid_dynamics.loop.linearisation import Linearisation, Mask
 from hybrid_dynamics.loop.model import Model
@@ -275,12 +275,19 @@ class Evidence:
                 for own, part in zip(a, picked(grams[j], column), strict=True):
                     own[places] += self.weights[j] * part.ravel()
                 b[:, position] += self.weights[j] * grams[j][:, column, -1]
-                rest = self._linear.rest[j]
-                if self._at_rest[j] and rest is not None:
-                    a[:, places] += self._at_rest[j] * picked(rest[None], column).ravel()
+                if (rest := self._linear.rest[j]) is not None:
                     b[:, position] += self._at_rest[j] * rest[column, -1]
         a[:, :: size + 1] += self.prior(layout)
-        return a.reshape(many, size, size) + self._defined(layout) + self.problem.alike(layout), b
+        held = self._defined(layout) + self.problem.alike(layout) + self.rest_normal(layout)
+        return a.reshape(many, size, size) + held, b
+
+    def rest_normal(self, layout: Layout) -> Array:
+        """(K, K): what rows at rest add to the normal matrix."""
+        out = np.zeros((layout.total, layout.total))
+        for j, (position, column) in enumerate(self.indices(layout)):
+            if len(position) and (rest := self._linear.rest[j]) is not None:
+                out[position[:, None], position] += self._at_rest[j] * rest[column[:, None], column]
+        return out
 
     def _defined(self, layout: Layout) -> Array | float:
         """What makes a gain of all joints beside all links' parameters one number (K, K); 0 where there are not both.
@@ -386,10 +393,13 @@ class Evidence:
         return total
 
     def covariance(self, terms: Sequence[Term], x: Array) -> Array:
-        """Covariance of ``x``, every block of time left out in turn (:mod:`.jackknife`)."""
+        """Covariance of ``x``: every block of time left out in turn (:mod:`.jackknife`), and rows at rest."""
         layout = self.layout(terms)
         parts, scores = self.by_block(layout, x, self.weights)
-        return covariance_of(self.normal(layout)[0], parts, scores, self.blocks.run)
+        normal = self.normal(layout)[0]
+        return covariance_of(normal, parts, scores, self.blocks.run) + covariance_of_prior(
+            normal, self.rest_normal(layout)
+        )
 
     def by_block(self, layout: Layout, x: Array, weights: Array) -> tuple[Array, Array]:
         """Each block's share of the normal matrix (B, K, K), joints weighed by ``weights`` (n,), and its scores (B, K)

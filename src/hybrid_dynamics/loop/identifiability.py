@@ -27,8 +27,9 @@ def undetermined(evidence: Evidence, terms: Sequence[Term], term: Term) -> list[
     """Published parameters of ``term`` that the data leaves to the prior, or to another of ``terms``: on a joint that
     turns one way only Coulomb friction and an offset are one constant."""
     layout = evidence.layout(terms)
-    # What is held to be like another number is not known by that.
-    scale, values, vectors = directions(evidence.normal(layout)[0] - evidence.problem.alike(layout))
+    # What is held to be like another number is not known by that, nor what friction may hold at rest.
+    held = evidence.problem.alike(layout) + evidence.rest_normal(layout)
+    scale, values, vectors = directions(evidence.normal(layout)[0] - held)
     known = values > ONE_DIRECTION
     variance = (vectors[:, known] ** 2 @ (1.0 / values[known])) * scale**2
     start = layout.starts[layout.terms.index(term)]

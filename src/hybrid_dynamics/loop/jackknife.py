@@ -40,3 +40,15 @@ def covariance_of(normal: Array, parts: Array, scores: Array, owner: NDArray[np.
     singles = changes(parts[missing > 0], scores[missing > 0])
     total = pairs.T @ pairs + (singles * missing[missing > 0, None]).T @ singles
     return np.asarray(0.5 * total * (blocks - 1) / blocks)
+
+
+def covariance_of_prior(normal: Array, prior: Array) -> Array:
+    """Covariance (K, K) that the right-hand side of a ``prior`` (K, K) within ``normal`` (K, K) brings, where that
+    prior is data whose errors are as large as its weights say."""
+    if not prior.any():
+        return np.zeros_like(normal)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scale[np.diag(normal) <= 0] = 0.0
+    whole = normal * scale[:, None] * scale + TINY * np.eye(len(normal))
+    half = np.linalg.solve(whole, prior * scale[:, None])
+    return np.asarray(scale[:, None] * np.linalg.solve(whole, half.T * scale[:, None]).T * scale)

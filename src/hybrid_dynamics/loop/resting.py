@@ -3,8 +3,10 @@
 The torque at standstill follows from what came before, so no law is proved by it. But a model that asks for more of a
 joint that stands than friction ever held of it is wrong: a law of its partner's speed that a few rows of common motion
 made large, an offset, or links that only ever moved one at a time. So these rows count in every fit as a weak prior:
-each second once, as known to within what the starting model leaves of the joint in motion. Where rows in motion say
-anything, that changes nothing; where they say nothing, a model stays as near to what was measured as friction lets it.
+each stretch once (what friction holds stays the same in it), as known to within what the starting model leaves of the
+joint in motion. Where rows in motion say anything, that changes nothing; where they say nothing, a model stays as near
+to what was measured as friction lets it, and no nearer: that is in the standard errors, and what motion leaves open is
+told as that.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ Mask = NDArray[np.bool_]
 RESTS, ENDS = 0.4, 0.1
 #: A low-pass has forgotten what was there so many of its time constants before.
 FORGETS = 4.0
-#: Of the seconds of standstill as many count as this share of the rows in motion, and these at least.
+#: Of the stretches at rest as many count as this share of the rows in motion, and these at least.
 SHARE, LEAST = 0.01, 10.0
 #: A stretch that lies this many times as far off as the joint does in motion is a brake, a hand or a stop.
 FAR = 3.0
@@ -56,16 +58,16 @@ def resting_rows(base: Model, runs: Sequence[Run], left: Sequence[Array], settin
     square = square / np.maximum(moving, 1)
     if base.effects:
         square += _held_by(base, runs, speed) ** 2
-    rows, seconds = [], np.zeros(n)
+    rows, stretches = [], np.zeros(n)
     for run, own in zip(runs, left, strict=True):
         slow, kept = standing_rows(base.in_run(run.name), run, speed), np.zeros(own.shape, bool)
         for j in np.flatnonzero(moving > 0):
             for part in rests(run.time, slow[:, j]):
-                if np.mean(own[part, j] ** 2) <= FAR**2 * square[j]:
+                if part.stop > part.start and np.mean(own[part, j] ** 2) <= FAR**2 * square[j]:
                     kept[part, j] = True
-        seconds += float(run.time[1] - run.time[0]) * kept.sum(axis=0)
+                    stretches[j] += 1
         rows.append(kept)
-    return Resting(tuple(rows), np.sqrt(square), np.minimum(seconds, np.maximum(SHARE * moving, LEAST)))
+    return Resting(tuple(rows), np.sqrt(square), np.minimum(stretches, np.maximum(SHARE * moving, LEAST)))
 
 
 def _held_by(base: Model, runs: Sequence[Run], speed: float) -> Array:

@@ -1,14 +1,15 @@
 """Files that hold columns rather than lines: Parquet, and the arrays that NumPy and MATLAB save.
 
 An array of T rows and k columns called ``q`` becomes the columns ``q1`` to ``qk``; a vector of T keeps its name, and is
-the first column of its name besides, since a robot may have one joint. T is the length of the time, or else the longest
-there is; arrays of another size (a rate, a list of names) are no part of the log. The columns of an array that is alone
-are called ``1`` to ``k`` as well, as those of a table without a header. Fields of a struct are called ``struct.field``;
-where a file holds one struct and nothing else of that length, ``field``.
+the first column of its name besides, since a robot may have one joint. T is the length of ``time``, or else of ``q``,
+or the longest there is; arrays of another size (a rate, a list of names) are no part of the log. The columns of an
+array that is alone are called ``1`` to ``k`` as well, as those of a table without a header. Fields of a struct are
+called ``struct.field``; where a file holds one struct and nothing else of that length, ``field``.
 """
 
 from __future__ import annotations
 
+import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -53,7 +54,7 @@ def _numpy(file: Path) -> dict[str, Any]:
     try:
         with np.load(file, allow_pickle=False) as content:
             return dict(_readable(content))
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{file}: not a readable .npz file ({reason}); save or copy it again") from None
 
@@ -78,7 +79,16 @@ def _matlab(file: Path) -> dict[str, Any]:
         raise InputError(
             f"{file}: a MATLAB file of version 7.3; save it with save('{file.name}', '-v7') or as CSV"
         ) from None
-    except (MatReadError, OSError, ValueError, TypeError, KeyError, IndexError, EOFError, zlib.error) as error:
+    except (
+        MatReadError,
+        OSError,
+        ValueError,
+        TypeError,
+        LookupError,
+        EOFError,
+        UnboundLocalError,
+        zlib.error,
+    ) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputError(f"{file}: not a readable MATLAB file ({reason}); save or copy it again") from None
     return {name: value for name, value in content.items() if not name.startswith("__")}
@@ -86,28 +96,54 @@ def _matlab(file: Path) -> dict[str, Any]:
 
 def _columns(file: Path, content: Mapping[str, Any]) -> dict[str, Array]:
     """Columns of the arrays in ``content`` that are as long as the run."""
-    arrays = dict(_arrays(content, ""))
-    lengths = [max(a.shape) for name, a in arrays.items() if min(a.shape) == 1 and name.split(".")[-1].lower() in TIMES]
-    rows = max(lengths or [max(a.shape) for a in arrays.values()], default=0)
+    arrays = {name: a for name, a in _arrays(content, "") if max(a.shape) > 1}
+    rows = _length(arrays)
     taken = {name: a if a.shape[0] == rows else a.T for name, a in arrays.items() if rows in a.shape}
-    if not taken or rows < 2:
+    if not taken:
         raise InputError(
             f"{file}: no arrays of numbers; expected time (T,), q (T, n) and tau (T, n), or arrays of other names "
             "(--columns says which)"
         )
-    alone = len({name.rsplit(".", 1)[0] if "." in name else "" for name in taken}) == 1
+    logs = {_within(name) for name in arrays if _own(name) == "q"}
+    alone = len({_within(name) for name in taken}) == 1 and len(logs) <= 1
     out: dict[str, Array] = {}
+    twice: set[str] = set()
     for full, values in taken.items():
-        name = full.rsplit(".", 1)[-1] if alone else full
-        own = {name: values[:, 0]} if values.shape[1] == 1 else {}
-        if values.shape[1] > 1 or not name[-1:].isdigit():
-            own |= {f"{name}{k + 1}": column for k, column in enumerate(values.T)}
-        if len(taken) == 1:
-            own |= {str(k + 1): column for k, column in enumerate(values.T)}
-        if twice := sorted(set(own) & set(out)):
-            raise InputError(f"{file}: column {twice[0]!r} stands in it twice, once in an array; leave one of them out")
+        name = _own(full) if alone else full
+        own = {name: values[:, 0]}
+        if values.shape[1] > 1:
+            own = {f"{name}{k + 1}": column for k, column in enumerate(values.T)}
+        twice |= set(own) & set(out)
         out |= own
+    if wanted := sorted(name for name in twice if re.fullmatch(r"(q|dq|tau)\d+", name)):
+        raise InputError(f"{file}: column {wanted[0]!r} stands in it twice, once in an array; leave one of them out")
+    out = {name: column for name, column in out.items() if name not in twice}
+    # A robot may have one joint, and a log one array without a name that says anything.
+    for full, values in taken.items():
+        name = _own(full) if alone else full
+        if values.shape[1] == 1 and not name[-1:].isdigit():
+            out.setdefault(f"{name}1", values[:, 0])
+        if len(taken) == 1:
+            out |= {str(k + 1): column for k, column in enumerate(values.T)}
     return out
+
+
+def _length(arrays: Mapping[str, Array]) -> int:
+    """T: of the array called ``time``, or else of ``q``, of one that others call the time, of the longest."""
+    for names in (("time",), ("q",), TIMES):
+        if lengths := [max(a.shape) for name, a in arrays.items() if _own(name).lower() in names]:
+            return int(max(lengths))
+    return int(max((max(a.shape) for a in arrays.values()), default=0))
+
+
+def _own(name: str) -> str:
+    """The last part of ``struct.field``."""
+    return name.rsplit(".", 1)[-1]
+
+
+def _within(name: str) -> str:
+    """The struct that ``struct.field`` is in."""
+    return name.rpartition(".")[0]
 
 
 def _arrays(content: Mapping[str, Any], within: str) -> Iterator[tuple[str, Array]]:
@@ -115,6 +151,8 @@ def _arrays(content: Mapping[str, Any], within: str) -> Iterator[tuple[str, Arra
     for name, value in content.items():
         if isinstance(value, Mapping):
             yield from _arrays(value, f"{within}{name}.")
+            continue
+        if not isinstance(value, np.ndarray):
             continue
         array = np.asarray(value)
         if array.dtype.kind in "fiub" and array.ndim in (1, 2) and array.size:

@@ -93,7 +93,7 @@ def converted(
         if not description.rate:
             raise InputError(f"{path}: no column 'time'; give log.columns.time, or log.rate [Hz]")
         time = np.arange(len(arrays["q"])) / description.rate
-    arrays = _joint_side(description, arrays, n)
+    arrays = _joint_side(description, arrays, joint_names)
     for signal, values in arrays.items():
         sign, gain, offset = (getattr(getattr(description, key), signal) for key in ("sign", "gain", "offset"))
         values *= _per_joint(sign, n, f"sign.{signal}", 1.0) * _per_joint(gain, n, f"gain.{signal}", 1.0)
@@ -189,7 +189,10 @@ def _columns(
         order = tuple(description.joints) or tuple(joint_names)
         spec = f"{signal}{{i}}" if spec is None else spec
         none = description.no_torque if signal.startswith("tau") else ()
-        listed = [joint for joint in order if joint not in none] if "{" not in str(spec) else order
+        # A list may leave them out.
+        listed: Sequence[str] = [joint for joint in order if joint not in none] if "{" not in str(spec) else order
+        if isinstance(spec, list) and len(spec) == n:
+            listed = order
         name_of = dict(zip(listed, _names(spec, signal, len(listed), listed), strict=True))
         if optional and name_of[order[0]] not in table.column_names:
             return None
@@ -255,10 +258,11 @@ def _per_joint(values: Sequence[float], n: int, key: str, default: float = 1.0) 
     return np.broadcast_to(np.array(values, float), (n,))
 
 
-def _joint_side(description: LogDescription, arrays: dict[str, Array], n: int) -> dict[str, Array]:
+def _joint_side(description: LogDescription, arrays: dict[str, Array], joint_names: Sequence[str]) -> dict[str, Array]:
     """Motor = R joint for positions and velocities; equal power on both sides gives tau_joint = R' tau_motor."""
     if not description.motor_side:
         return arrays
+    n = len(joint_names)
     if description.gear_matrix:
         rows = description.gear_matrix
         if len(rows) != n or any(len(row) != n for row in rows):
@@ -270,6 +274,12 @@ def _joint_side(description: LogDescription, arrays: dict[str, Array], n: int) -
         gear = np.diag(_per_joint(description.gear_ratio, n, "gear_ratio"))
     if np.linalg.cond(gear) > 1e8:
         raise ConfigError("log.gear_matrix cannot be inverted; expected motor = gear_matrix joint")
+    silent = np.array([name in description.no_torque for name in joint_names])
+    if "tau" in description.motor_side and np.any(gear[silent][:, ~silent]):
+        raise ConfigError(
+            f"log.no_torque holds {', '.join(description.no_torque)}, whose motor turns other joints, too "
+            "(log.gear_matrix); expected also these joints, of whose torque a part is missing"
+        )
     out = dict(arrays)
     for signal in SIGNALS:
         if signal in description.motor_side and signal in arrays:
