@@ -18,7 +18,7 @@ import pandas as pd
 from hybrid_dynamics.files import write_text
 from hybrid_dynamics.loop_report.words import known, number, share, title_of
 from hybrid_dynamics.study.intervals import counted
-from hybrid_dynamics.study.report.resimulation import CANNOT_MOVE
+from hybrid_dynamics.study.report.resimulation import improving, without_before
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "findings.md"
@@ -113,18 +113,15 @@ def park(rows: pd.DataFrame) -> list[str]:
 
 def resimulation(rows: pd.DataFrame) -> list[str]:
     """State error of the exported model in MuJoCo, per arm."""
-    body, still = [], []
+    body = []
     for (arm, provenance), own in rows.groupby(["dataset", "provenance"], sort=False):
         middle = {key: known(own[key].median()) for key in own.columns if key.endswith(("_before", "_after"))}
-        better = int((own["position_after"] < own["position_before"]).sum())
-        if middle["position_before"] is None:
-            still.append(str(arm))
         body.append(
             [
                 f"{arm} ({provenance})",
                 f"{number(middle['position_before'], 3)} → {number(middle['position_after'], 3)}",
                 f"{number(middle['velocity_before'], 3)} → {number(middle['velocity_after'], 3)}",
-                f"{better} of {len(own)}" if middle["position_before"] is not None else "all: none moved",
+                improving(own),
                 str(int(own["windows"].iloc[0])),
             ]
         )
@@ -133,7 +130,7 @@ def resimulation(rows: pd.DataFrame) -> list[str]:
         f"{rows['window'].iloc[0]:g} s: state error of the median joint, URDF alone → completed model.",
         "",
         *_table(["arm", "position [rad]", "velocity [rad/s]", "joints that improve", "windows"], body),
-        *(["", f"No number before: {', '.join(still)} {CANNOT_MOVE}."] if still else []),
+        *(["", said] if (said := without_before(rows)) else []),
     ]
 
 

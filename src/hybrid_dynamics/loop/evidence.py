@@ -16,7 +16,7 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.blocks import Blocks, Folds, Indices, folds_by_time
 from hybrid_dynamics.loop.gram import BlockGrams
 from hybrid_dynamics.loop.held import Held, change_by_block, residual_vector
-from hybrid_dynamics.loop.jackknife import covariance_of, covariance_of_prior
+from hybrid_dynamics.loop.jackknife import covariance_of
 from hybrid_dynamics.loop.layout import Layout, make_room, term_order
 from hybrid_dynamics.loop.linearisation import Linearisation, Mask
 from hybrid_dynamics.loop.model import Model
@@ -396,10 +396,7 @@ class Evidence:
         """Covariance of ``x``: every block of time left out in turn (:mod:`.jackknife`), and rows at rest."""
         layout = self.layout(terms)
         parts, scores = self.by_block(layout, x, self.weights)
-        normal = self.normal(layout)[0]
-        return covariance_of(normal, parts, scores, self.blocks.run) + covariance_of_prior(
-            normal, self.rest_normal(layout)
-        )
+        return covariance_of(self.normal(layout)[0], parts, scores, self.blocks.run, self.rest_normal(layout))
 
     def by_block(self, layout: Layout, x: Array, weights: Array) -> tuple[Array, Array]:
         """Each block's share of the normal matrix (B, K, K), joints weighed by ``weights`` (n,), and its scores (B, K)

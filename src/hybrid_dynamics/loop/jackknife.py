@@ -17,11 +17,14 @@ from hybrid_dynamics.types import Array
 TINY = 1e-12
 
 
-def covariance_of(normal: Array, parts: Array, scores: Array, owner: NDArray[np.int_]) -> Array:
+def covariance_of(
+    normal: Array, parts: Array, scores: Array, owner: NDArray[np.int_], prior: Array | None = None
+) -> Array:
     """Covariance (K, K) of the solution of ``normal`` (K, K) x = b.
 
     ``parts`` (B, K, K): what each block adds to ``normal``; ``scores`` (B, K): its right-hand side less ``parts`` x;
-    ``owner`` (B,): its run, in order of time.
+    ``owner`` (B,): its run, in order of time; ``prior`` (K, K): what in ``normal`` is of data in no block, whose errors
+    are as large as its weights say.
     """
     blocks, size = scores.shape
     if not size:
@@ -39,16 +42,9 @@ def covariance_of(normal: Array, parts: Array, scores: Array, owner: NDArray[np.
     missing = 2 - np.append(next_to, False).astype(int) - np.append(False, next_to).astype(int)
     singles = changes(parts[missing > 0], scores[missing > 0])
     total = pairs.T @ pairs + (singles * missing[missing > 0, None]).T @ singles
-    return np.asarray(0.5 * total * (blocks - 1) / blocks)
-
-
-def covariance_of_prior(normal: Array, prior: Array) -> Array:
-    """Covariance (K, K) that the right-hand side of a ``prior`` (K, K) within ``normal`` (K, K) brings, where that
-    prior is data whose errors are as large as its weights say."""
-    if not prior.any():
-        return np.zeros_like(normal)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scale[np.diag(normal) <= 0] = 0.0
-    whole = normal * scale[:, None] * scale + TINY * np.eye(len(normal))
+    left_out = np.asarray(0.5 * total * (blocks - 1) / blocks)
+    if prior is None or not prior.any():
+        return left_out
+    whole = normal * scale[:, None] * scale + TINY * np.eye(size)
     half = np.linalg.solve(whole, prior * scale[:, None])
-    return np.asarray(scale[:, None] * np.linalg.solve(whole, half.T * scale[:, None]).T * scale)
+    return left_out + scale[:, None] * np.linalg.solve(whole, half.T * scale[:, None]).T * scale

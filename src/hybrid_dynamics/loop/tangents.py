@@ -14,7 +14,7 @@ from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.factor import common_factor, links_of, own_parameters, shared_gain
 from hybrid_dynamics.loop.floor import difference_floor
-from hybrid_dynamics.loop.jackknife import covariance_of, covariance_of_prior
+from hybrid_dynamics.loop.jackknife import covariance_of
 from hybrid_dynamics.loop.layout import Layout
 from hybrid_dynamics.types import Array
 
@@ -118,7 +118,7 @@ def _covariance(evidence: Evidence, terms: Sequence[Term], x: Array) -> tuple[Ar
     normal[: layout.total, : layout.total] = evidence.normal(layout)[0]
     rest = np.zeros_like(normal)
     rest[: layout.total, : layout.total] = evidence.rest_normal(layout)
-    return covariance_of(normal, parts, scores, evidence.blocks.run) + covariance_of_prior(normal, rest), normal
+    return covariance_of(normal, parts, scores, evidence.blocks.run, rest), normal
 
 
 def _by_block(evidence: Evidence, terms: Sequence[Term], x: Array, weights: Array) -> tuple[Array, Array]:

@@ -48,7 +48,9 @@ def read_columns(file: Path) -> pa.Table:
 
 def _numpy(file: Path) -> dict[str, Any]:
     if not zipfile.is_zipfile(file):
-        if file.read_bytes()[:6] == b"\x93NUMPY":
+        with open(file, "rb") as stream:
+            nameless = stream.read(6) == b"\x93NUMPY"
+        if nameless:
             raise InputError(f"{file}: one array without a name; save it with numpy.savez(file, time=..., q=...)")
         raise InputError(f"{file}: not an .npz file, or a truncated one; save or copy it again")
     try:
@@ -106,10 +108,11 @@ def _columns(file: Path, content: Mapping[str, Any]) -> dict[str, Array]:
         )
     logs = {_within(name) for name in arrays if _own(name) == "q"}
     alone = len({_within(name) for name in taken}) == 1 and len(logs) <= 1
+    if alone:
+        taken = {_own(name): values for name, values in taken.items()}
     out: dict[str, Array] = {}
     twice: set[str] = set()
-    for full, values in taken.items():
-        name = _own(full) if alone else full
+    for name, values in taken.items():
         own = {name: values[:, 0]}
         if values.shape[1] > 1:
             own = {f"{name}{k + 1}": column for k, column in enumerate(values.T)}
@@ -119,8 +122,7 @@ def _columns(file: Path, content: Mapping[str, Any]) -> dict[str, Array]:
         raise InputError(f"{file}: column {wanted[0]!r} stands in it twice, once in an array; leave one of them out")
     out = {name: column for name, column in out.items() if name not in twice}
     # A robot may have one joint, and a log one array without a name that says anything.
-    for full, values in taken.items():
-        name = _own(full) if alone else full
+    for name, values in taken.items():
         if values.shape[1] == 1 and not name[-1:].isdigit():
             out.setdefault(f"{name}1", values[:, 0])
         if len(taken) == 1:
@@ -152,8 +154,5 @@ def _arrays(content: Mapping[str, Any], within: str) -> Iterator[tuple[str, Arra
         if isinstance(value, Mapping):
             yield from _arrays(value, f"{within}{name}.")
             continue
-        if not isinstance(value, np.ndarray):
-            continue
-        array = np.asarray(value)
-        if array.dtype.kind in "fiub" and array.ndim in (1, 2) and array.size:
-            yield f"{within}{name}", np.asarray(array.reshape(-1, 1) if array.ndim == 1 else array, float)
+        if isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.ndim in (1, 2) and value.size:
+            yield f"{within}{name}", np.asarray(value.reshape(-1, 1) if value.ndim == 1 else value, float)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import firwin, upfirdn
 
@@ -44,7 +45,7 @@ def read_described(
 
     Raises :class:`InputError` naming file, column and row for what cannot be read.
     """
-    check_joints("no_torque", description.no_torque, joint_names)
+    _silent(description, joint_names)
     wanted = _wanted(description, torque)
     tables: dict[str, tuple[pa.Table, int]] = {}
     columns: dict[str, Array] = {}
@@ -93,7 +94,8 @@ def converted(
         if not description.rate:
             raise InputError(f"{path}: no column 'time'; give log.columns.time, or log.rate [Hz]")
         time = np.arange(len(arrays["q"])) / description.rate
-    arrays = _joint_side(description, arrays, joint_names)
+    silent = _silent(description, joint_names)
+    arrays = _joint_side(description, arrays, silent)
     for signal, values in arrays.items():
         sign, gain, offset = (getattr(getattr(description, key), signal) for key in ("sign", "gain", "offset"))
         values *= _per_joint(sign, n, f"sign.{signal}", 1.0) * _per_joint(gain, n, f"gain.{signal}", 1.0)
@@ -108,7 +110,7 @@ def converted(
         )
         arrays = {signal: values[rows] for signal, values in arrays.items()}
     if "tau" in arrays:
-        arrays["tau"][:, [name in description.no_torque for name in joint_names]] = 0.0
+        arrays["tau"][:, silent] = 0.0
     check_time(time, path, 1)
     check_plausible(path, arrays, joint_names, name, notify)
     for signal in description.drop:
@@ -232,11 +234,12 @@ def _pick(table: pa.Table, name: str, file: str, signal: str) -> pa.ChunkedArray
     return table.column(name)
 
 
-def check_joints(key: str, joints: Sequence[str], joint_names: Sequence[str]) -> None:
-    """Refuse ``joints`` that the robot does not have."""
-    for joint in joints:
+def _silent(description: LogDescription, joint_names: Sequence[str]) -> NDArray[np.bool_]:
+    """(n,) joints whose torque nobody measured; :class:`ConfigError` for one that the robot does not have."""
+    for joint in description.no_torque:
         if joint not in joint_names:
-            raise ConfigError(f"log.{key} holds {joint!r}; expected joints of the robot: {', '.join(joint_names)}")
+            raise ConfigError(f"log.no_torque holds {joint!r}; expected joints of the robot: {', '.join(joint_names)}")
+    return np.array([name in description.no_torque for name in joint_names])
 
 
 def _order(joints: Sequence[str], joint_names: Sequence[str]) -> list[int]:
@@ -258,11 +261,11 @@ def _per_joint(values: Sequence[float], n: int, key: str, default: float = 1.0) 
     return np.broadcast_to(np.array(values, float), (n,))
 
 
-def _joint_side(description: LogDescription, arrays: dict[str, Array], joint_names: Sequence[str]) -> dict[str, Array]:
+def _joint_side(description: LogDescription, arrays: dict[str, Array], silent: NDArray[np.bool_]) -> dict[str, Array]:
     """Motor = R joint for positions and velocities; equal power on both sides gives tau_joint = R' tau_motor."""
     if not description.motor_side:
         return arrays
-    n = len(joint_names)
+    n = len(silent)
     if description.gear_matrix:
         rows = description.gear_matrix
         if len(rows) != n or any(len(row) != n for row in rows):
@@ -274,7 +277,6 @@ def _joint_side(description: LogDescription, arrays: dict[str, Array], joint_nam
         gear = np.diag(_per_joint(description.gear_ratio, n, "gear_ratio"))
     if np.linalg.cond(gear) > 1e8:
         raise ConfigError("log.gear_matrix cannot be inverted; expected motor = gear_matrix joint")
-    silent = np.array([name in description.no_torque for name in joint_names])
     if "tau" in description.motor_side and np.any(gear[silent][:, ~silent]):
         raise ConfigError(
             f"log.no_torque holds {', '.join(description.no_torque)}, whose motor turns other joints, too "

@@ -14,7 +14,7 @@ from hybrid_dynamics.files import check_target
 from hybrid_dynamics.readers.bags import BAG_SUFFIXES, read_bag
 from hybrid_dynamics.readers.columnar import PARQUET
 from hybrid_dynamics.readers.delimited import STANDARD_INPUT
-from hybrid_dynamics.readers.described import check_joints, converted, read_described
+from hybrid_dynamics.readers.described import converted, read_described
 from hybrid_dynamics.readers.description import COMPENSATED, LogDescription, load_description
 from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import ResampleSettings, resample, uniform_step
@@ -194,7 +194,6 @@ def _described_bag(
     for key in ("columns", "files", "joints", "rows"):
         if getattr(log, key):
             raise InputError(f"{file}: a bag has no {key}; leave log.{key} out")
-    check_joints("no_torque", log.no_torque, joint_names)
     arrays = {signal: np.array(values) for signal, values in run.signals.items()}
     tell = notify or (lambda message: None)
     return converted(file, log, joint_names, run.name, run.split, run.time, arrays, settings, tell)

@@ -11,11 +11,23 @@ from hybrid_dynamics.loop_report.words import known, number
 from hybrid_dynamics.study.layout import RESIMULATION_COLUMNS
 from hybrid_dynamics.study.results import Section, read_csv
 
-#: Why an arm has no number before, after its name.
-CANNOT_MOVE = (
-    "as its URDF describes it cannot be simulated (a link without inertia, which any torque turns infinitely fast, "
-    "say); completed it can"
-)
+
+def improving(own: pd.DataFrame) -> str:
+    """How many joints of an arm, ``own`` rows, move better than before; where nothing moved, all do."""
+    if own["position_before"].isna().all():
+        return "all: none moved"
+    return f"{int((own['position_after'] < own['position_before']).sum())} of {len(own)}"
+
+
+def without_before(rows: pd.DataFrame) -> str:
+    """Why arms of ``rows`` have no number before; empty where all have one."""
+    names = dict.fromkeys(str(n) for n in rows["dataset"][rows["position_before"].isna()])
+    if not names:
+        return ""
+    return (
+        f"No number before: {', '.join(names)} as its URDF describes it cannot be simulated (a link without inertia, "
+        "which any torque turns infinitely fast, say); completed it can."
+    )
 
 
 def resimulation_section(path: Path, park: Path | None = None) -> Section | None:
@@ -36,7 +48,7 @@ def resimulation_section(path: Path, park: Path | None = None) -> Section | None
         "check of the whole chain. Without its friction a light wrist runs away within the half second; that is "
         "what the large numbers before are. What MJCF cannot carry (friction with a memory, say) is not in it.</p>",
         _left_out(rows, park),
-        _still(rows),
+        f"<p class='note'>{escape(said)}</p>" if (said := without_before(rows)) else "",
         _arms(rows),
     ]
     for name, own in rows.groupby("dataset", sort=False):
@@ -55,11 +67,6 @@ def _left_out(rows: pd.DataFrame, park: Path | None) -> str:
     )
 
 
-def _still(rows: pd.DataFrame) -> str:
-    names = dict.fromkeys(str(n) for n in rows["dataset"][rows["position_before"].isna()])
-    return f"<p class='note'>No number before: {escape(', '.join(names))} {CANNOT_MOVE}.</p>" if names else ""
-
-
 def _arms(rows: pd.DataFrame) -> str:
     body: list[list[Cell | str]] = []
     for name, own in rows.groupby("dataset", sort=False):
@@ -74,14 +81,13 @@ def _arms(rows: pd.DataFrame) -> str:
             for kind, size in ends.items()
             if size is not None
         )
-        better = int((own["position_after"] < own["position_before"]).sum())
         body.append(
             [
                 Cell(f"{escape(str(name))} {badge(str(own['provenance'].iloc[0]))}", "text"),
                 Cell(drawn, "picture"),
                 f"{number(sizes['position_before'], 3)} → <b>{number(sizes['position_after'], 3)}</b>",
                 f"{number(sizes['velocity_before'], 3)} → <b>{number(sizes['velocity_after'], 3)}</b>",
-                f"{better} of {len(own)}" if ends["before"] is not None else "all: none moved",
+                improving(own),
                 str(int(own["windows"].iloc[0])),
             ]
         )
