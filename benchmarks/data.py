@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hybrid_dynamics.readers.table import write_log
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -62,8 +63,17 @@ def log(
     return Trajectory(f"run{seed}", "train", time, {"q": q + rng.normal(scale=2e-6, size=q.shape), "tau": torque})
 
 
-def write_csv(run: Trajectory, path: Path) -> None:
-    """A log as users have them: ``time,q1..qn,tau1..taun``."""
+def write_csv(run: Trajectory, folder: Path) -> Path:
+    """A log as users have them: ``time,q1..qn,tau1..taun``; returns its file in ``folder``."""
     n = run["q"].shape[1]
+    path = folder / f"{run.name}.csv"
     header = ",".join(["time", *(f"q{j + 1}" for j in range(n)), *(f"tau{j + 1}" for j in range(n))])
     np.savetxt(path, np.column_stack([run.time, run["q"], run["tau"]]), "%.9g", ",", header=header, comments="")
+    return path
+
+
+def write_parquet(run: Trajectory, folder: Path) -> Path:
+    """The same as Parquet."""
+    path = folder / f"{run.name}.parquet"
+    write_log(path, run, [f"joint{k + 1}" for k in range(run.n_joints)])
+    return path

@@ -215,8 +215,8 @@ def test_without_test_runs_the_end_of_each_joints_motion_is_held_out(panda):
     settings = LoopSettings()
     run = in_turn(panda, [], "turns")
     split = hold_out([run], [], settings)
-    kept, held, notes = [run for run, _ in split.train], [run for run, _ in split.test], split.notes
-    assert {began for _, began in split.train + split.test} == {0.0}
+    kept, held, notes = split.train, split.test, split.notes
+    assert {piece.start for piece in split.train + split.test} == {0.0}
     assert len(kept) == len(held) == panda.n_joints
     for j in range(panda.n_joints):
         learned, tested = (sum(np.ptp(piece["q"][:, j]) > 0.1 for piece in pieces) for pieces in (kept, held))
@@ -240,7 +240,7 @@ def test_the_end_of_the_run_is_held_out_where_joints_move_together_or_turns_are_
     runs = [excitation(panda, duration=12.0, rate=250.0), in_turn(panda, [], "turns", seconds=1.0), twitch]
     for run in (*runs, slow.rows(slice(None, None, 125))):
         split = hold_out([run], [], LoopSettings())
-        kept, held, notes = [run for run, _ in split.train], [run for run, _ in split.test], split.notes
+        kept, held, notes = split.train, split.test, split.notes
         assert [piece.name for piece in kept] == [run.name]
         assert [piece.name for piece in held] == [f"{run.name} (held out)"]
         assert held[0].time[-1] == run.time[-1]
@@ -252,14 +252,14 @@ def test_an_end_at_which_the_arm_rests_is_left_out_of_its_only_log():
     rows = np.minimum(np.arange(len(run.time)), 2000)  # it stops after 10 of 20 s
     rests = replace(run, signals={"q": run["q"][rows], "tau": run["tau"]})
     split = hold_out([rests], [], LoopSettings())
-    kept, held, notes = [run for run, _ in split.train], [run for run, _ in split.test], split.notes
+    kept, held, notes = split.train, split.test, split.notes
     assert 10.0 < held[0].time[-1] < 11.0
     assert notes[0] == "train_1: the arm rests over the last 9.5 s, which are left out"
     assert kept[0].time[-1] < held[0].time[0]
     # The control: one that moves to its end is left whole, as is one with a test run.
     for train, test in (([run], []), ([rests], [run])):
         split = hold_out(train, test, LoopSettings())
-        kept, held, notes = [run for run, _ in split.train], [run for run, _ in split.test], split.notes
+        kept, held, notes = split.train, split.test, split.notes
         assert (held or kept)[-1].time[-1] == run.time[-1]
         assert not any("rests" in note for note in notes)
 

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.data import arm, arm_urdf, log, write_csv
+from benchmarks.data import arm, arm_urdf, log, write_csv, write_parquet
+from hybrid_dynamics.trajectory import Trajectory
 
 PROGRAM = [sys.executable, "-c", "from hybrid_dynamics.cli import main; main()"]
 
@@ -18,15 +19,16 @@ def show_help(side: str, size: int) -> Callable[[], dict[str, Any]]:
     return lambda: {"exit": subprocess.run([*PROGRAM, "--help"], capture_output=True, check=True).returncode}
 
 
-def _program(joints: int, runs: int, seconds: float, rate: float) -> Callable[[], dict[str, Any]]:
-    """``close-loop`` as a user calls it, logs as CSV."""
+def _program(
+    joints: int, runs: int, seconds: float, rate: float, write: Callable[[Trajectory, Path], Path] = write_csv
+) -> Callable[[], dict[str, Any]]:
+    """``close-loop`` as a user calls it, logs as CSV, or as ``write`` writes them."""
     folder = Path(tempfile.mkdtemp(prefix="bench-"))
     robot = arm(joints)
     (folder / "arm.urdf").write_text(arm_urdf(joints))
     names = []
     for seed in range(runs):
-        names.append(str(folder / f"run{seed}.csv"))
-        write_csv(log(robot, seconds, rate, seed), Path(names[-1]))
+        names.append(str(write(log(robot, seconds, rate, seed), folder)))
     command = [*PROGRAM, "close-loop", "--robot", str(folder / "arm.urdf"), "--out", str(folder / "out")]
     command += ["--train", *names[:-1], "--test", names[-1]]
 
@@ -61,7 +63,7 @@ def _closed(joints: int, runs: int, seconds: float, rate: float = 250.0) -> Call
 
     robot = arm(joints)
     logs = [log(robot, seconds, rate, seed) for seed in range(runs)]
-    settings = LoopSettings(effects=("viscous_friction", "coulomb_friction", "torque_offset", "armature"))
+    settings = LoopSettings(effects=("viscous_friction", "coulomb_friction", "torque_offset", "armature"), longest=1e9)
     return lambda: {"effects": len(close_loop(robot, logs, [], settings).diagnosis.effects)}
 
 
@@ -99,10 +101,6 @@ def predict(side: str, samples: int) -> Callable[[], dict[str, Any]]:
 
 
 def many_hours(side: str, hours: int) -> Callable[[], dict[str, Any]]:
-    """``hours`` hours of seven joints at 500 Hz, as one run a quarter of an hour."""
-    from hybrid_dynamics import LoopSettings, close_loop
-
-    robot = arm(7)
-    logs = [log(robot, 900.0, 500.0, seed) for seed in range(4 * hours)]
-    settings = LoopSettings(effects=("viscous_friction", "coulomb_friction"))
-    return lambda: {"effects": len(close_loop(robot, logs, [], settings).diagnosis.effects)}
+    """``close-loop`` on ``hours`` hours of seven joints at 500 Hz, a Parquet log a quarter of an hour, the whole
+    catalogue."""
+    return _program(7, 4 * hours, 900.0, 500.0, write_parquet)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -82,14 +82,10 @@ def close_files(files: LoopFiles, progress: Progress | None = None, note: Notify
     robot = Robot.from_urdf(files.robot, files.lock)
     start = load_model(files.model, robot) if files.model else None
     described = () if files.model or files.ignore_dynamics else urdf_dynamics(files.robot, robot)
-    notices: list[str] = []
-    train = read_logs(files.train, robot, "train", notices, log=files.form)
-    test = read_logs(files.test, robot, "test", notices, log=files.form)
-    if note is not None:
-        for line in notices:
-            note(line)
-    provenance = files.provenance(robot)
+    train = read_logs(files.train, robot, "train", note, files.form)
+    test = read_logs(files.test, robot, "test", note, files.form)
     result = with_described(close_loop(robot, train, test, files.settings, start, progress, described), described)
+    provenance = files.provenance(robot)
     if progress is not None:
         progress(1.0, "writing the report")
     with result_folder(files.out, RESULT_FILES, force=files.force, ours=is_result) as folder:
@@ -101,18 +97,14 @@ def read_logs(
     paths: Sequence[Path],
     robot: Robot,
     split: str,
-    notices: list[str],
-    torque: bool = True,
+    note: Notify | None = None,
     log: LogDescription | None = None,
-) -> list[Trajectory]:
-    """All logs, read as ``log`` says.
+) -> Iterator[Trajectory]:
+    """All logs, read as ``log`` says, each when it is asked for; ``note`` hears what is odd about them.
 
     A log with long gaps gives several runs. Names are file names, made distinct where they repeat.
     """
-    out: list[Trajectory] = []
     stems = [p.stem for p in paths]
     for path in paths:
         name = path.stem if stems.count(path.stem) == 1 else str(path)
-        title = f"{split}:{name}"
-        out += read_pieces(path, robot, title, split, notify=notices.append, torque=torque, log=log)
-    return out
+        yield from read_pieces(path, robot, f"{split}:{name}", split, notify=note, log=log)

@@ -51,13 +51,15 @@ class Trajectory:
     """One run of a robot with n joints, T samples.
 
     ``time`` is (T,) [s]; ``signals`` maps ``q dq ddq dddq tau tau_inertia tau_coriolis tau_gravity q_ref dq_ref``
-    (those that are known) to (T, n) arrays in SI units. ``split`` is ``train`` or ``test``.
+    (those that are known) to (T, n) arrays in SI units. ``split`` is ``train`` or ``test``. ``began`` [s]: the time
+    stamp at which the run did of which this is a piece; None: this is no piece.
     """
 
     name: str
     split: str
     time: Array
     signals: Mapping[str, Array] = field(default_factory=dict)
+    began: float | None = None
 
     def __post_init__(self) -> None:
         if self.split not in ("train", "test"):
@@ -81,6 +83,16 @@ class Trajectory:
         """Median sampling interval [s]."""
         return float(np.median(np.diff(self.time)))
 
+    @property
+    def start(self) -> float:
+        """Time stamp [s] of the run's beginning, also of a piece of it."""
+        return float(self.time[0]) if self.began is None else self.began
+
+    @property
+    def duration(self) -> float:
+        """[s] from the first sample to the last."""
+        return float(self.time[-1] - self.time[0])
+
     def __getitem__(self, signal: str) -> Array:
         try:
             return self.signals[signal]
@@ -97,8 +109,9 @@ class Trajectory:
         return replace(self, signals={**self.signals, **signals})
 
     def rows(self, index: slice | NDArray[Any]) -> Trajectory:
-        """A copy that keeps only the rows ``index`` selects."""
-        return replace(self, time=self.time[index], signals={k: v[index] for k, v in self.signals.items()})
+        """The piece of the run that ``index`` selects."""
+        own = {k: v[index] for k, v in self.signals.items()}
+        return replace(self, time=self.time[index], signals=own, began=self.start)
 
 
 class TrajectoryWriter:

@@ -31,13 +31,24 @@ from hybrid_dynamics.types import Array
 #: ``torque(q, dq, load=None, ddq=None, time=None) -> (T, n)`` [N m].
 StateTorque = Callable[..., Array]
 
-#: Setting of an effect that acts in one run only: its name.
+#: Setting of an effect that acts in one run only, or in some: its name, or theirs (:func:`acts_in`).
 ONLY_RUN = "only_run"
 #: Setting of an effect that acts for a while only: pairs (start, end) [s since the run began].
 INTERVALS = "intervals"
 #: Setting of an effect that is estimated beside others and is no finding: the size that its parameter is expected
 #: within.
 HELD = "held_within"
+
+
+def acts_in(settings: Mapping[str, Any], run: str) -> bool:
+    """True where an effect with ``settings`` acts in the ``run`` of that name."""
+    only = settings.get(ONLY_RUN)
+    return only is None or (run == only if isinstance(only, str) else run in only)
+
+
+def whole_of(term: Term) -> Term:
+    """``term`` in all runs."""
+    return replace(term, settings=tuple(s for s in term.settings if s[0] != ONLY_RUN))
 
 
 @dataclass(frozen=True, order=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -28,6 +28,7 @@ from hybrid_dynamics.loop.process import Run, process
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.standing import beyond_friction
+from hybrid_dynamics.loop.stretches import spread
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -60,8 +61,8 @@ class LoopResult:
 
 def close_loop(
     robot: Robot,
-    train: Sequence[Trajectory],
-    test: Sequence[Trajectory],
+    train: Iterable[Trajectory],
+    test: Iterable[Trajectory],
     settings: LoopSettings | None = None,
     start: Model | None = None,
     progress: Progress | None = None,
@@ -69,8 +70,9 @@ def close_loop(
 ) -> LoopResult:
     """Find what ``robot`` (or the model ``start``) lacks on ``train``, prove it on ``test``.
 
-    ``train`` and ``test`` hold ``q tau`` (``dq`` where the log has it) on a uniform grid. Without test runs the last
-    part of every training run is held out. ``described``: friction that the URDF gives
+    ``train`` and ``test`` hold ``q tau`` (``dq`` where the log has it) on a uniform grid; they are taken one by one, so
+    that runs read as they are asked for may be longer than memory. Without test runs the last part of every training
+    run is held out. ``described``: friction that the URDF gives
     (:func:`~hybrid_dynamics.effects.urdf_dynamics.urdf_dynamics`); it belongs to the start, but for dry friction of
     which the torque holds less than half, or more than twice. Raises :class:`InputError` where no verdict can be given.
 
@@ -90,8 +92,8 @@ def close_loop(
     with threadpool_limits(1):
         return _close(
             robot,
-            list(train),
-            list(test),
+            train,
+            test,
             settings or LoopSettings(),
             start or Model(robot, tuple(described)),
             progress or (lambda share, what: None),
@@ -101,17 +103,19 @@ def close_loop(
 
 def _close(
     robot: Robot,
-    train: list[Trajectory],
-    test: list[Trajectory],
+    train: Iterable[Trajectory],
+    test: Iterable[Trajectory],
     settings: LoopSettings,
     base: Model,
     progress: Progress,
     described: Sequence[Effect],
 ) -> LoopResult:
-    if not train:
+    learned_from, long = spread(train, settings.longest, "training")
+    if not learned_from:
         raise InputError("no training run is given; expected at least one log with positions and torques")
+    asked, long_too = spread(test, settings.longest, "test")
     progress(0.0, "looking at the logs")
-    plausible = checked(base, train, test)
+    plausible = checked(base, learned_from, asked)
     given = base
     if any(family(d.effect).turns_sign for d in described):
         runs = [process(t, robot, settings.process) for t in plausible.train]
@@ -144,6 +148,8 @@ def _close(
     only = [f"looked for {', '.join(settings.effects)} and nothing else"] if settings.effects else []
     notes = [
         *only,
+        *long,
+        *long_too,
         *plausible.notes,
         *logs.notes,
         *searched.notes,

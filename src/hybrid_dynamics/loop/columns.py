@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects.base import acts_in, whole_of
 from hybrid_dynamics.loop.layout import Layout, follows, make_room
 from hybrid_dynamics.loop.problem import Problem
 from hybrid_dynamics.types import Array
@@ -21,11 +22,42 @@ Moving = tuple[tuple[Array, ...], ...]
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Columns that were added together and follow nothing: of each joint their ``index`` (p,), and per run and joint
-    ``rows`` (K, p)."""
+    """Columns that were added together and follow nothing, per run and joint: their ``index`` (p,) and ``rows``
+    (K, p); those of terms that act in other runs only, zero in this one, are not among them."""
 
-    index: tuple[Indices, ...]
+    index: tuple[tuple[Indices, ...], ...]
     rows: tuple[tuple[Array, ...], ...]
+
+
+@dataclass(frozen=True)
+class _Made:
+    """Columns of terms in one run as of the starting model: of a term and a joint on which it has a torque their
+    ``names``, digests under which ``rows`` (K,) holds those that follow no model, and the ``largest`` magnitude."""
+
+    names: dict[tuple[Term, int], list[bytes]]
+    rows: dict[bytes, Array]
+    largest: dict[tuple[Term, int], float]
+
+    @classmethod
+    def of(cls, problem: Problem, r: int, terms: Sequence[Term]) -> _Made:
+        """Those of ``terms`` in run number ``r``; what is there more than once is held once."""
+        made = cls({}, {}, {})
+        still = problem.motion(r, [], [term for term in terms if not follows(term)])
+        start = problem.motion(r, [], [term for term in terms if follows(term)])
+        for term in terms:
+            columns = problem.smoothed(term, r, start if follows(term) else still)
+            if columns is None:
+                continue
+            for j in range(problem.n) if columns.ndim == 3 else [term.index]:
+                own = columns if columns.ndim == 2 else columns[:, j]
+                made.largest[term, j] = float(np.abs(own).max(initial=0.0))
+                made.names[term, j] = names = [b""] * own.shape[1]
+                if follows(term):
+                    continue
+                for k, column in enumerate(own.T):
+                    names[k] = hashlib.sha256(column.tobytes()).digest()
+                    made.rows.setdefault(names[k], column.copy())
+        return made
 
 
 @dataclass(frozen=True)
@@ -43,6 +75,9 @@ class Columns:
     _where: Mapping[Term, tuple[Indices | None, ...]]
     _chunks: tuple[_Chunk, ...]
     _known: tuple[Mapping[bytes, int], ...]
+    #: Of every run and joint (size,), which column holds what a column is in this run: another one where a term acts in
+    #: some runs alone and is there for all as well, -1 where it does not act in this one; else itself.
+    _held: tuple[tuple[Indices, ...], ...]
     #: A search asks for the same combinations again and again.
     _indices: dict[Layout, list[tuple[Indices, Indices]]] = field(default_factory=dict)
 
@@ -50,7 +85,8 @@ class Columns:
     def of(cls, problem: Problem, terms: Sequence[Term]) -> Columns:
         """Those of ``terms``."""
         n, none = problem.n, np.zeros(0, int)
-        return cls(problem, (), (0,) * n, (none,) * n, {}, (), ({},) * n).adding(terms)
+        held = ((none,) * n,) * len(problem.runs)
+        return cls(problem, (), (0,) * n, (none,) * n, {}, (), ({},) * n, held).adding(terms)
 
     def __contains__(self, term: Term) -> bool:
         return term in self._where
@@ -72,44 +108,51 @@ class Columns:
     def adding(self, terms: Sequence[Term]) -> Columns:
         """These and the columns of ``terms`` (those not there yet)."""
         asked = [term for term in dict.fromkeys(terms) if term not in self]
+        parts = [term for term in asked if not follows(term) and whole_of(term) != term and whole_of(term) in self]
+        if parts:
+            return self._adding_parts(parts).adding(terms)
         if not asked:
             return self
         problem, n = self.problem, self.problem.n
-        still = problem.motions([], [term for term in asked if not follows(term)])
-        start = problem.motions([], [term for term in asked if follows(term)])
+        made = [_Made.of(problem, r, asked) for r in range(len(problem.runs))]
         size, moving, known = list(self.size), [list(m) for m in self.moving], [dict(k) for k in self._known]
         where = dict(self._where)
-        index: list[list[int]] = [[] for _ in range(n)]
-        parts: list[list[list[Array]]] = [[[] for _ in range(n)] for _ in problem.runs]
+        index: list[list[list[int]]] = [[[] for _ in range(n)] for _ in made]
+        taken: list[list[list[bytes]]] = [[[] for _ in range(n)] for _ in made]
         for term in asked:
-            columns = problem.smoothed(term, start if follows(term) else still)
             own: list[Indices | None] = []
             for j in range(n):
-                mine = [p if p.ndim == 2 else p[:, j] for p in columns]
-                acts = columns[0].ndim == 3 or term.joint == j
-                if not acts or max(float(np.abs(o).max(initial=0.0)) for o in mine) < 1e-9:
+                count = max(len(run.names.get((term, j), ())) for run in made)
+                if max(run.largest.get((term, j), 0.0) for run in made) < 1e-9:
                     own.append(None)
-                elif follows(term):
-                    places = np.arange(size[j], size[j] + mine[0].shape[1])
-                    own.append(places)
+                    continue
+                first = size[j]
+                if follows(term):
+                    places = np.arange(first, first + count)
                     moving[j] += places.tolist()
-                    size[j] += len(places)
+                    size[j] += count
                 else:
-                    places, new = _places(mine, known[j], size[j])
-                    own.append(places)
-                    index[j] += range(size[j], size[j] + len(new))
-                    size[j] += len(new)
-                    for held, o in zip(parts, mine, strict=True):
-                        if new:
-                            held[j].append(o[:, new])
+                    places = np.empty(count, int)
+                    for k in range(count):
+                        # With the run's number: what two runs hold alike are two columns where each acts in one.
+                        of_run = {r: run.names[term, j][k] for r, run in enumerate(made) if (term, j) in run.names}
+                        name = b"".join(b"%d:" % r + digest for r, digest in of_run.items())
+                        places[k] = known[j].setdefault(name, size[j])
+                        if places[k] == size[j]:
+                            size[j] += 1
+                            for r, digest in of_run.items():
+                                index[r][j].append(int(places[k]))
+                                taken[r][j].append(digest)
+                own.append(places)
             where[term] = tuple(own)
         chunks = self._chunks
-        if any(index):
+        if any(any(at) for at in index):
             rows = []
-            for run, held in zip(problem.runs, parts, strict=True):
-                rows.append(tuple(np.hstack([np.empty((len(run.time), 0)), *held[j]]) for j in range(n)))
-                held.clear()
-            chunks = (*chunks, _Chunk(tuple(np.array(i, int) for i in index), tuple(rows)))
+            for r, run in enumerate(problem.runs):
+                none = np.empty((len(run.time), 0))
+                rows.append(tuple(np.column_stack([none, *(made[r].rows[d] for d in taken[r][j])]) for j in range(n)))
+                made[r].rows.clear()
+            chunks = (*chunks, _Chunk(tuple(tuple(np.array(i, int) for i in at) for at in index), tuple(rows)))
         return Columns(
             problem,
             (*self.terms, *asked),
@@ -118,7 +161,32 @@ class Columns:
             where,
             chunks,
             tuple(known),
+            tuple(tuple(_longer(own, new) for own, new in zip(held, size, strict=True)) for held in self._held),
             self._indices.copy(),
+        )
+
+    def _adding_parts(self, terms: Sequence[Term]) -> Columns:
+        """These and those of ``terms`` that act in some runs alone, where the same terms for all runs are there: no
+        column is held twice."""
+        size, where = list(self.size), dict(self._where)
+        held = [list(of_run) for of_run in self._held]
+        for term in terms:
+            own: list[Indices | None] = []
+            for j, whole in enumerate(self._where[whole_of(term)]):
+                own.append(None if whole is None else np.arange(size[j], size[j] + len(whole)))
+                if whole is not None:
+                    size[j] += len(whole)
+                    for run, of_run in zip(self.problem.runs, held, strict=True):
+                        source = of_run[j][whole] if acts_in(term.options, run.name) else np.full(len(whole), -1)
+                        of_run[j] = np.append(of_run[j], source)
+            where[term] = tuple(own)
+        return replace(
+            self,
+            terms=(*self.terms, *terms),
+            size=tuple(size),
+            _where=where,
+            _held=tuple(map(tuple, held)),
+            _indices=self._indices.copy(),
         )
 
     def following_model(self, effects: Sequence[Effect], terms: Sequence[Term], old: Moving) -> Moving:
@@ -127,10 +195,10 @@ class Columns:
         ``old`` may be of fewer terms: columns that are in neither are 0.
         """
         problem = self.problem
-        motions = problem.motions(effects, terms)
-        new = {term: problem.smoothed(term, motions) for term in terms}
         out = []
         for r, run in enumerate(problem.runs):
+            motion = problem.motion(r, effects, terms)
+            new = {term: problem.smoothed(term, r, motion) for term in terms}
             rows = []
             for j in range(problem.n):
                 own = [(term, where) for term in terms if (where := self._where[term][j]) is not None]
@@ -139,8 +207,9 @@ class Columns:
                 if own or missing:
                     have = np.hstack([have, np.zeros((len(run.time), missing))])
                 for term, where in own:
-                    part = new[term][r]
-                    have[:, np.searchsorted(self.moving[j], where)] = part[:, j] if part.ndim == 3 else part
+                    part = new[term]
+                    at = np.searchsorted(self.moving[j], where)
+                    have[:, at] = 0.0 if part is None else part[:, j] if part.ndim == 3 else part
                 rows.append(have)
             out.append(tuple(rows))
         return tuple(out)
@@ -152,20 +221,25 @@ class Columns:
     # -- reading ----------------------------------------------------------------------------------------------------
     def pick(self, r: int, j: int, columns: Indices, moving: Moving, rows: slice = slice(None)) -> Array:
         """``columns`` (c,) of joint ``j`` in ``rows`` of run number ``r``, (K, c)."""
-        out = np.empty((len(self.problem.runs[r].time[rows]), len(columns)))
+        held = self._held[r][j][columns]
+        out = np.zeros((len(self.problem.runs[r].time[rows]), len(columns)))
         at = np.full(self.size[j], -1)
         for index, part in self._parts(r, j, moving):
             at[index] = np.arange(len(index))
-            mine = np.flatnonzero(at[columns] >= 0)
-            out[:, mine] = part[rows][:, at[columns[mine]]]
+            mine = np.flatnonzero((held >= 0) & (at[held] >= 0))
+            out[:, mine] = part[rows][:, at[held[mine]]]
             at[index] = -1
         return out
 
     def times(self, left: Array, r: int, j: int, moving: Moving, rows: slice) -> Array:
         """(c, p) products of ``left`` (c, K) with all columns of joint ``j`` in ``rows`` of run number ``r``."""
-        out = np.empty((len(left), self.size[j]))
+        out = np.zeros((len(left), self.size[j]))
         for index, part in self._parts(r, j, moving):
             out[:, index] = left @ part[rows]
+        held = self._held[r][j]
+        elsewhere = np.flatnonzero(held != np.arange(len(held)))
+        if len(elsewhere):
+            out[:, elsewhere] = np.where(held[elsewhere] >= 0, out[:, held[elsewhere]], 0.0)
         return out
 
     def linear(self, layout: Layout, x: Array, moving: Moving) -> list[Array]:
@@ -173,8 +247,10 @@ class Columns:
         out = [np.zeros((len(run.time), self.problem.n)) for run in self.problem.runs]
         for j, (position, column) in enumerate(self.indices(layout)):
             # Two terms may share a column: what they ask of it adds up.
-            weight = np.bincount(column, x[position], minlength=self.size[j])
             for r, torque in enumerate(out):
+                held = self._held[r][j][column]
+                acting = held >= 0
+                weight = np.bincount(held[acting], x[position[acting]], minlength=self.size[j])
                 for index, part in self._parts(r, j, moving):
                     own = np.flatnonzero(weight[index])
                     if len(own):
@@ -191,8 +267,8 @@ class Columns:
         return out
 
     def _parts(self, r: int, j: int, moving: Moving) -> list[tuple[Indices, Array]]:
-        """All columns of joint ``j`` in run number ``r`` in pieces: their index (p,) and rows (K, p)."""
-        still = [(chunk.index[j], chunk.rows[r][j]) for chunk in self._chunks if len(chunk.index[j])]
+        """All columns of joint ``j`` that are held for run number ``r`` in pieces: their index (p,) and rows (K, p)."""
+        still = [(chunk.index[r][j], chunk.rows[r][j]) for chunk in self._chunks if len(chunk.index[r][j])]
         return [*still, (self.moving[j], moving[r][j])] if len(self.moving[j]) else still
 
     def indices(self, layout: Layout) -> list[tuple[Indices, Indices]]:
@@ -213,17 +289,6 @@ class Columns:
         return np.array(position, int), np.array(column, int)
 
 
-def _places(parts: Sequence[Array], known: dict[bytes, int], size: int) -> tuple[Indices, list[int]]:
-    """Places of the columns ``parts`` (one array a run) among those ``known`` by digest, and which of them are new.
-
-    New ones come behind ``size`` others, and are known from then on.
-    """
-    index: list[int] = []
-    new: list[int] = []
-    for k in range(parts[0].shape[1]):
-        digest = hashlib.sha256(b"".join(p[:, k].tobytes() for p in parts)).digest()
-        if digest not in known:
-            known[digest] = size + len(new)
-            new.append(k)
-        index.append(known[digest])
-    return np.array(index, int), new
+def _longer(held: Indices, size: int) -> Indices:
+    """``held`` with what comes up to ``size``: itself."""
+    return np.append(held, np.arange(len(held), size))

@@ -35,7 +35,7 @@ from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.partner import notes_of, partner_open
 from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
-from hybrid_dynamics.loop.runs import pool, split_by_run, whole_of
+from hybrid_dynamics.loop.runs import pool, split_by_run, wholes_of
 from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.signs import choose_signs
@@ -137,21 +137,19 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     steps += further
     looked = len({s.place for s in candidates})
     judge, chosen = _in_simplest_form(judge, chosen, candidates)
-    held = judge.evidence.held(chosen, physical=True)
-    if len(judge.evidence.runs) > 1 and judge.above_floor(held).any():
-        split, further = split_by_run(judge, chosen, candidates, report)
-        parts = list(further[-1].terms) if further else []
-        # Where the search let go of every part, nothing differs between runs.
-        if whole_of(parts):
-            split, merged, x = pool(split, parts)
-            sizes = in_errors(split, merged, x)
-            # What is nothing on the whole, now this and now that way, is no cause of the robot.
-            if all(sizes.get(s, np.inf) > 1.0 for s in whole_of(parts)):
-                notes = ["the runs disagree: a whole-robot effect has its own parameters in every training run"]
-                known = [t for t in given if t not in merged]
-                merged, x = [*known, *merged], np.concatenate([np.zeros(sum(t.size for t in known)), x])
-                split = split.adding(known)
-                return Found(merged, x, whole_of(parts), [*steps, *further], notes, split, start)
+    split, further = split_by_run(judge, chosen, candidates, report)
+    parts = list(further[-1].terms) if further else []
+    # Where the search let go of every part, nothing differs between runs.
+    if wholes_of(parts):
+        split, merged, x = pool(split, parts)
+        sizes = in_errors(split, merged, x)
+        # What is nothing on the whole, now this and now that way, is no cause of the robot.
+        if all(sizes.get(s, np.inf) > 1.0 for s in wholes_of(parts)):
+            notes = ["the runs disagree: a whole-robot effect has its own parameters in every training run"]
+            known = [t for t in given if t not in merged]
+            merged, x = [*known, *merged], np.concatenate([np.zeros(sum(t.size for t in known)), x])
+            split = split.adding(known)
+            return Found(merged, x, wholes_of(parts), [*steps, *further], notes, split, start)
     judge, chosen = _drop_guesses(judge, chosen)
     judge, chosen, common, further = _surely(judge, chosen, candidates, looked, report)
     steps += further

@@ -29,10 +29,10 @@ REST = 0.5
 
 @dataclass(frozen=True)
 class Split:
-    """Runs ``train`` and ``test``, each with when [s] the log that it is a piece of began, and what is to be said."""
+    """Runs, or pieces of them, to learn from and held out, and what is to be said."""
 
-    train: list[tuple[Trajectory, float]]
-    test: list[tuple[Trajectory, float]]
+    train: list[Trajectory]
+    test: list[Trajectory]
     notes: list[str]
 
 
@@ -46,16 +46,15 @@ def hold_out(train: Sequence[Trajectory], test: Sequence[Trajectory], settings: 
         if len(run.time) < FEWEST_SAMPLES:
             raise InputError(f"run {run.name}: holds {len(run.time)} samples; expected a run of some seconds")
     notes: list[str] = []
-    learned = [(run, float(run.time[0])) for run in train]
-    held = [(run, float(run.time[0])) for run in test]
+    learned, held = list(train), list(test)
     if not test:
         learned, turned = [], []
         for run in (_until_it_rests(run, settings, notes) for run in train):
             own = _in_turn(run, settings)
             turned += [run.name] if own else []
-            began = float(run.time[0])
-            for part, out in zip(own or _at_the_end(run, settings), (learned, held), strict=True):
-                out += [(piece, began) for piece in part]
+            first, second = own or _at_the_end(run, settings)
+            learned += first
+            held += second
         of_each = f" (of {', '.join(turned)}, in which joints move in turn, of each joint's motion)" if turned else ""
         notes.append(
             f"no test run is given: the last {settings.held_out_share:.0%} of every training run{of_each} are held "

@@ -186,17 +186,13 @@ class Linearisation:
         return self._products_of(j, columns, self.resting, _whole(self.problem))
 
     def _products_of(self, j: int, columns: Indices, mask: Sequence[Mask], parts: Sequence[_Part]) -> Array:
-        size = self.columns.size[j]
-        out = np.empty((len(parts), len(columns), size + 1))
-        counted = [self._counted(r, j, columns, own[:, j]) for r, own in enumerate(mask)]
-        for b, (r, rows) in enumerate(parts):
-            whole = counted[r]
-            if whole is None:
-                out[b] = 0.0
-                continue
-            own = whole[:, rows]
-            out[b, :, :-1] = self.columns.times(own, r, j, self.moving, rows)
-            out[b, :, -1] = own @ self.target[r][rows, j]
+        out = np.zeros((len(parts), len(columns), self.columns.size[j] + 1))
+        for r, own in enumerate(mask):
+            counted = self._counted(r, j, columns, own[:, j])
+            for b, (run, rows) in enumerate(parts):
+                if run == r and counted is not None:
+                    out[b, :, :-1] = self.columns.times(counted[:, rows], r, j, self.moving, rows)
+                    out[b, :, -1] = counted[:, rows] @ self.target[r][rows, j]
         return out
 
     def _counted(self, r: int, j: int, columns: Indices, mask: Mask) -> Array | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Readings, StateTorque, Term, family, readings, split_key, with_effects
 from hybrid_dynamics.effects.acting import acting_torques, predict_acting, recorded
-from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.base import ONLY_RUN, acts_in
 from hybrid_dynamics.effects.sign import WIDTH
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
@@ -59,7 +59,7 @@ class Model:
         """The model of one run that was searched: effects that act in the run ``name`` alone act, too."""
         if len(self._everywhere) == len(self.effects):
             return self
-        own = [e for e in self.effects if e.settings.get(ONLY_RUN) in (None, name)]
+        own = [e for e in self.effects if acts_in(e.settings, name)]
         effects = tuple(replace(e, settings={k: v for k, v in e.settings.items() if k != ONLY_RUN}) for e in own)
         return Model(self.robot, effects, self.inactive, self.misfit)
 

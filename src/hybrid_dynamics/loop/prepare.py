@@ -79,8 +79,8 @@ class Logs:
 def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajectory], settings: LoopSettings) -> Logs:
     """Process all runs; without test runs the last part of every training run is held out."""
     split = hold_out(train, test, settings)
-    runs = [process(t, robot, settings.process, began) for t, began in split.train]
-    tests = [process(t, robot, settings.process, began) for t, began in split.test]
+    runs = [process(t, robot, settings.process) for t in split.train]
+    tests = [process(t, robot, settings.process) for t in split.test]
     notes = split.notes
     moving = moving_joints(runs, settings.process)
     if not moving.any():
@@ -89,7 +89,7 @@ def read_motion(robot: Robot, train: Sequence[Trajectory], test: Sequence[Trajec
             f"{settings.process.slow_speed} rad/s on {FEWEST_ROWS} samples, in the training runs; expected logs of a "
             "robot in motion, long enough at their rate"
         )
-    step = torque_step([t for t, _ in split.train])
+    step = torque_step(split.train)
     silent = moving & np.isinf(step)
     for joint in np.flatnonzero(silent):
         notes.append(

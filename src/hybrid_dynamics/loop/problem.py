@@ -14,7 +14,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Motion, Term, family
 from hybrid_dynamics.effects.acting import late
-from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.base import acts_in
 from hybrid_dynamics.loop.blocks import Blocks, folds_of
 from hybrid_dynamics.loop.layout import Layout, make_room
 from hybrid_dynamics.loop.model import Model
@@ -127,45 +127,42 @@ class Problem:
         return torques
 
     # -- columns of a term ------------------------------------------------------------------------------------------
-    def motions(self, effects: Sequence[Effect], terms: Sequence[Term]) -> list[Motion]:
-        """Motion of every run with what columns of ``terms`` are made of: where they ask for it the regressor, and the
-        bodies, load and torque of the starting model with ``effects``."""
-        kinds = [term.family() for term in terms]
+    def motion(self, r: int, effects: Sequence[Effect], terms: Sequence[Term]) -> Motion:
+        """Motion of run number ``r`` with what columns of ``terms`` are made of: where they ask for it the regressor,
+        and the bodies, load and torque of the starting model with ``effects``."""
+        kinds, run = [term.family() for term in terms if acts_in(term.options, self.runs[r].name)], self.runs[r]
         torque, loaded = any(k.uses_torque for k in kinds), any(k.uses_load for k in kinds)
-        regressor, body = any(k.by_regressor for k in kinds), any(k.uses_body for k in kinds)
-        out = []
-        for r, run in enumerate(self.runs):
-            motion = self._with_regressor(r) if regressor else run.motion
-            model = model_in(self.base, effects, run)
-            if body:
-                motion = replace(motion, robot=model.completed_robot)
-            if torque or loaded:
-                load, own = self.torques(model, r)
-                # As late as it is recorded: noise of the motion stands in the column and in what is left, and at
-                # different instants it would pull the delay towards none.
-                given = late(own, motion.time, model.readings) if torque else None
-                lag = model.readings.lag
-                motion = replace(motion, given_load=load if loaded else None, given_torque=given, given_lag=lag)
-            out.append(motion)
-        return out
+        motion = self._with_regressor(r) if any(k.by_regressor for k in kinds) else run.motion
+        model = model_in(self.base, effects, run)
+        if any(k.uses_body for k in kinds):
+            motion = replace(motion, robot=model.completed_robot)
+        if torque or loaded:
+            load, own = self.torques(model, r)
+            # As late as it is recorded: noise of the motion stands in the column and in what is left, and at different
+            # instants it would pull the delay towards none.
+            given = late(own, motion.time, model.readings) if torque else None
+            lag = model.readings.lag
+            motion = replace(motion, given_load=load if loaded else None, given_torque=given, given_lag=lag)
+        return motion
 
-    def smoothed(self, term: Term, motions: Sequence[Motion]) -> list[Array]:
-        """Columns of ``term`` in every run, (K, p) of its joint or (K, n, p), given their :meth:`motions`."""
-        out, only = [], term.options.get(ONLY_RUN)
+    def smoothed(self, term: Term, r: int, fine: Motion) -> Array | None:
+        """Columns of ``term`` in run number ``r``, (K, p) of its joint or (K, n, p), given its :meth:`motion`; None
+        where the term acts in other runs only."""
+        run, kind = self.runs[r], term.family()
+        if not acts_in(term.options, run.name):
+            return None
         # Of bodies that turn: smooth as the motion is, at its rows as good as made finer and smoothed, and asked often.
-        smooth = term.family().uses_body and not self.base_follows_load
-        for r, (run, fine) in enumerate(zip(self.runs, motions, strict=True)):
-            motion = replace(fine, time=run.time, q=run.q, dq=run.dq, ddq=run.ddq) if smooth else fine
-            columns = term.family().columns(motion, term)
-            if self._read is not None:
-                columns = columns * (self._read[:, None] if columns.ndim == 3 else self._read[term.index])
-            if not (term.family().by_regressor or smooth):
-                if self.base_follows_load and term.family().changes_body:
-                    share = self._share(r)
-                    columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [term.index]])
-                columns = run.smooth(columns)
-            out.append(columns if only in (None, run.name) else np.zeros_like(columns))
-        return out
+        smooth = kind.uses_body and not self.base_follows_load
+        motion = replace(fine, time=run.time, q=run.q, dq=run.dq, ddq=run.ddq) if smooth else fine
+        columns = kind.columns(motion, term)
+        if self._read is not None:
+            columns = columns * (self._read[:, None] if columns.ndim == 3 else self._read[term.index])
+        if kind.by_regressor or smooth:
+            return columns
+        if self.base_follows_load and kind.changes_body:
+            share = self._share(r)
+            columns = columns * (share[:, :, None] if columns.ndim == 3 else share[:, [term.index]])
+        return run.smooth(columns)
 
     def _with_regressor(self, r: int) -> Motion:
         """Motion of run number ``r`` with its smoothed regressor, and in that what the starting model makes of a load.

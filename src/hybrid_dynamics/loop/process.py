@@ -125,11 +125,8 @@ def least_rows(dt: float, settings: ProcessSettings) -> int:
     return 2 * int(np.ceil(END_PERIODS / settings.cutoff_at(dt) / dt)) + max(20, round(0.3 / dt))
 
 
-def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings, began: float | None = None) -> Run:
-    """Process one uniformly sampled run; :class:`InputError` where it is too short.
-
-    ``began`` [s]: when the run did of which it is a piece.
-    """
+def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> Run:
+    """Process one uniformly sampled run; :class:`InputError` where it is too short."""
     dt = trajectory.dt
     if not np.allclose(np.diff(trajectory.time), dt, rtol=1e-2, atol=1e-9):
         raise InputError(f"run {trajectory.name}: time stamps are not uniform; resample the log first")
@@ -165,7 +162,7 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings, beg
         q[fine],
         dq[fine],
         ddq[fine],
-        began=float(trajectory.time[0]) if began is None else began,
+        began=trajectory.start,
     )
     coarse = hann_kernel(1.0 / cutoff, dt, step)
     edge = len(coarse) // 2

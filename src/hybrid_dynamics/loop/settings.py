@@ -25,6 +25,7 @@ class LoopSettings:
     An alternative is named where held-out mean squares grow by less than ``alike_share``. No floor lies below
     ``resolution`` of the measured torque. Without test runs the last ``held_out_share`` of every run is held out after
     a gap of ``held_out_gap`` [s]. ``evaluations`` of symbolic regression describe what stays unexplained on a joint.
+    Of training runs, and of test runs, that last more than ``longest`` [s] together, stretches are looked at.
 
     >>> from hybrid_dynamics import LoopSettings
     >>> LoopSettings(effects=("viscous_friction", "coulomb_friction"), block=1.0).families
@@ -50,6 +51,7 @@ class LoopSettings:
     held_out_share: float = 0.35
     held_out_gap: float = 1.0
     evaluations: int = 20_000
+    longest: float = 600.0
     process: ProcessSettings = field(default_factory=ProcessSettings)
 
     def __post_init__(self) -> None:
@@ -79,6 +81,7 @@ class LoopSettings:
             ("held_out_share", 0.05, 0.9),
             ("held_out_gap", 0.0, 60.0),
             ("evaluations", 100, 10**9),
+            ("longest", 60.0, 1e9),
         ):
             value = getattr(self, name)
             require(low <= value <= high, f"{name} is {value}; expected {low:g} <= {name} <= {high:g}")

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hybrid_dynamics.effects import Term
-from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.base import acts_in
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.factor import common_factor, links_of, own_parameters, shared_gain
 from hybrid_dynamics.loop.floor import difference_floor
@@ -159,7 +159,7 @@ def _tangents(evidence: Evidence, terms: Sequence[Term], x: Array) -> list[Array
             if not count:
                 continue
             full = np.zeros((len(run.time), evidence.n, count))
-            if term.options.get(ONLY_RUN) in (None, run.name):
+            if acts_in(term.options, run.name):
                 columns = run.smooth(kind.setting_columns(run.motion, term, x[start : start + term.size]))
                 if columns.ndim == 3:
                     full[:] = columns
