@@ -256,6 +256,27 @@ def test_a_late_velocity_is_left_out_and_told(run):
     assert "dq" in checked(arm(), [moved], []).train[0]
 
 
+@pytest.mark.parametrize("rests_from", [0.62, 0.7])
+def test_a_joint_that_rests_says_nothing_of_when_the_velocity_was_taken(rests_from: float):
+    """One joint moves to and fro; the other has ended its only move by then: of its last crawl noise had the say."""
+    time = np.arange(7500) / 500.0
+
+    def move(begins: float, ends: float) -> np.ndarray:
+        s = np.clip((time - begins) / (ends - begins), 0.0, 1.0)
+        return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+
+    to_and_fro = sum((-1) ** k * move(1.0 + 1.5 * k, 2.2 + 1.5 * k) for k in range(8))
+    q = np.column_stack([to_and_fro, 1.2 * move(-0.6, rests_from)])
+    dq = np.gradient(q, 1 / 500.0, axis=0) + 1e-3 * np.random.default_rng(0).normal(size=q.shape)
+    step = 2 * np.pi / 2**17
+    read = {"q": np.round(q / step) * step, "dq": dq}
+    assert check_velocity(("shoulder", "elbow"), [Trajectory("run", "train", time, read)]) == []
+    # The control: taken 0.1 s later, it is told.
+    late = read | {"dq": np.roll(dq, 50, axis=0)}
+    (told,) = check_velocity(("shoulder", "elbow"), [Trajectory("run", "train", time, late)])
+    assert "dq is 0.1 s behind" in told.text
+
+
 def test_a_copy_of_a_training_run_is_no_test_run_whatever_it_is_called(run):
     other = runs(train=2, test=1)[1][0]
     copy = Trajectory("copy", "test", run.time + 100.0, {s: np.round(x, 7) for s, x in run.signals.items()})

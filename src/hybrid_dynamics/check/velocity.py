@@ -177,13 +177,15 @@ def _lag(pairs: Sequence[tuple[Array, Array, float]]) -> float:
         if reach < 2:
             continue
         middle = slice(reach, len(v) - reach)
+        # Joints count alike, but by what they move in the window: of one that rests there noise has the say.
+        v, w = v / np.maximum(v.std(axis=0), 1e-300), w / np.maximum(w.std(axis=0), 1e-300)
         own = v[middle] - v[middle].mean(axis=0)
         alike = np.empty(2 * reach + 1)
         for k in range(2 * reach + 1):
             late = w[k : k + len(own)]
             late = late - late.mean(axis=0)
-            size = np.linalg.norm(own, axis=0) * np.linalg.norm(late, axis=0)
-            alike[k] = np.mean(np.abs(np.sum(own * late, axis=0)) / np.maximum(size, 1e-300))
+            size = np.linalg.norm(own) * np.linalg.norm(late)
+            alike[k] = np.sum(np.abs(np.sum(own * late, axis=0))) / max(size, 1e-300)
         best = int(np.argmax(alike))
         if not 0 < best < 2 * reach or alike[best] < 0.9:
             continue
