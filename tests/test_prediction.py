@@ -89,6 +89,22 @@ def test_stamps_that_stray_from_the_grid_have_values_of_their_own_instants():
     assert _back_to(grid, grid + 1e-5)(values) is values
 
 
+def test_friction_that_drives_at_the_speeds_of_a_log_is_told_where_somebody_listens():
+    falling = {"quadratic_coefficient": -1.0, "cubic_coefficient": 0.0}
+    grease = Effect("viscous_friction", ("elbow",), {"viscous_coefficient": 0.5})
+    run, told = true_run(), []
+    model = Model(two_links(), (grease, Effect("nonlinear_viscous_friction", ("elbow",), falling)))
+    found = predict(model, run, notify=told.append)
+    # 0.5 dq - dq |dq| drives beyond 0.5 rad/s.
+    (line,) = told
+    assert line.startswith("elbow moves at up to ")
+    assert float(line.split("from ")[1].split()[0]) == pytest.approx(0.5, abs=0.05)
+    np.testing.assert_array_equal(predict(model, run).tau, found.tau)
+    # Control: the first alone opposes the motion at any speed.
+    predict(Model(two_links(), (grease,)), run, notify=told.append)
+    assert told == [line]
+
+
 def test_parts_add_up_to_the_prediction():
     effects = (*EFFECTS, Effect("armature", ("elbow",), {"armature": 0.1}), EFFECTS[0])
     run = true_run()

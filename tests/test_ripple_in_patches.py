@@ -8,6 +8,7 @@ from tests.small_arm import arm
 
 from hybrid_dynamics.effects import family
 from hybrid_dynamics.effects.state import Motion
+from hybrid_dynamics.effects.torque_ripple import spectrum
 from hybrid_dynamics.types import Array
 
 ROBOT = arm()
@@ -87,3 +88,19 @@ def test_what_stands_beside_a_large_wave_is_no_second_one() -> None:
     motion = Motion(ROBOT, time, q, np.gradient(q, 0.01, axis=0), np.zeros_like(q))
     wave = 2.0 * np.sin(12.0 * q[:, 0] + 0.4) + 0.8 * np.sin(31.0 * q[:, 0] + 1.0)
     assert _proposed([motion], [np.column_stack([wave, 0 * wave])]) == pytest.approx([12.0, 31.0], rel=0.02)
+
+
+def test_a_sine_and_a_cosine_explain_no_less_than_one_of_them_where_they_are_nearly_one() -> None:
+    """Of seven places a slow curve leaves two directions, and between some harmonics both waves turn into one."""
+    rng = np.random.default_rng(1)
+    places, torque = np.sort(rng.uniform(-1.0, 1.0, 7)), rng.normal(size=7)
+    harmonics, share = spectrum(np.repeat(places, 20), np.repeat(torque, 20), asked=np.linspace(3.0, 40.0, 4000))
+    slow = np.linalg.qr(np.vander(places, 5))[0]
+    left, *waves = (
+        v - (v @ slow) @ slow.T
+        for v in (torque, np.sin(np.outer(harmonics, places)), np.cos(np.outer(harmonics, places)))
+    )
+    alone = [(w @ left) ** 2 / (np.sum(w**2, axis=1) * (left @ left)) for w in waves]
+    # Positions are those of narrow bins, a few ten-thousandths of a radian off.
+    assert (share > np.max(alone, axis=0) - 0.02).all()
+    assert np.median(share) > 0.9999
