@@ -100,3 +100,17 @@ def test_a_likeness_is_the_share_of_a_torque_that_least_squares_gives_others(pla
         assert likeness.share(*others) == pytest.approx(float(hat @ hat) / float(own @ own), abs=1e-6)
     assert likeness.share() == 0.0
     assert likeness.share(term) == pytest.approx(1.0)
+
+
+def test_scores_of_blocks_are_what_their_rows_still_ask_of_the_coordinates(plain: tuple[Judge, list[Term]]) -> None:
+    evidence = plain[0].evidence
+    terms = [Term("coulomb_friction", 0), Term("nonlinear_viscous_friction", 0)]
+    layout, x = evidence.layout(terms), np.array([0.3, -0.1, 0.2])
+    parts, scores = evidence.by_block(layout, x, evidence.weights)
+    left = evidence.residuals(terms, x)
+    unit = [evidence.linear(terms, column) for column in np.eye(3)]
+    for b, (r, (low, high)) in enumerate(zip(evidence.blocks.run, evidence.blocks.rows, strict=True)):
+        rows = np.flatnonzero(evidence.mask[r][low:high, 0]) + low
+        columns = np.column_stack([made[r][rows, 0] for made in unit])
+        np.testing.assert_allclose(scores[b], evidence.weights[0] * columns.T @ left[r][rows, 0], rtol=1e-4, atol=1e-3)
+        np.testing.assert_allclose(parts[b], evidence.weights[0] * columns.T @ columns, rtol=1e-4, atol=1e-3)

@@ -15,7 +15,7 @@ from tests.test_loop_trace import judge as told_judge
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model, prune
 from hybrid_dynamics.loop import find as find_module
-from hybrid_dynamics.loop.alternatives import indistinguishable
+from hybrid_dynamics.loop.alternatives import _Named, indistinguishable
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.find import LOUD, _refined, beside_loud
 from hybrid_dynamics.loop.held import Held
@@ -37,6 +37,10 @@ def judged(effects: list[Effect], noise: float) -> tuple[Judge, list[Term]]:
     return judge, terms
 
 
+#: Stands beside terms for "with bodies held so".
+HELD = Term("held", None)
+
+
 @dataclass
 class Bodies(Told):
     """What is told, with sets of terms that ask for what cannot be, and what those leave where bodies are held so."""
@@ -44,13 +48,12 @@ class Bodies(Told):
     held_so: dict[frozenset[Term], np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.free = list(self.residuals)
-        self.residuals = self.residuals | {frozenset([*k, "held"]): v for k, v in self.held_so.items()}  # type: ignore[list-item]
+        self.residuals = self.residuals | {frozenset([*k, HELD]): v for k, v in self.held_so.items()}
         super().__post_init__()
 
     def held(self, terms: Any, physical: bool = False) -> Held:
         so = physical and frozenset(terms) in self.held_so
-        return super().held([*terms, "held"] if so else terms)
+        return super().held([*terms, HELD] if so else terms)
 
     def constrained(self, terms: Any) -> bool:
         return frozenset(terms) in self.held_so
@@ -79,7 +82,7 @@ def test_what_only_helps_by_making_a_body_that_cannot_be_is_let_go_of() -> None:
 
 
 def test_a_table_of_candidates_holds_each_once_the_chosen_first() -> None:
-    told = {frozenset(): NOISE + 3 * LARGE + SMALL}
+    told: dict[frozenset[Term], np.ndarray] = {frozenset(): NOISE + 3 * LARGE + SMALL}
     told |= {frozenset([t]): NOISE + size * SMALL for t, size in ((CURVED, 0.0), (VISCOUS, 2.0), (OTHER, 1.0))}
     judge = told_judge(told)
     table = rank(judge, [], [VISCOUS, CURVED, OTHER], judge.evidence.held([]))
@@ -224,3 +227,38 @@ def test_what_a_plainer_body_brings_in_is_as_sure_as_all_else(
     monkeypatch.setattr(find_module, "simplify_bodies", with_it)
     found = find_module.find(judge, terms, lambda step: None)
     assert {(t.effect, t.joint) for t in found.terms} == {("viscous_friction", 1)} | ({(name, 0)} if named else set())
+
+
+@pytest.mark.parametrize(("size", "worth", "kept"), [(6.0, 2.5, True), (6.0, 1.5, False), (1.0, 2.5, False)])
+def test_what_every_joint_has_needs_a_sure_coefficient_and_a_gain(
+    size: float, worth: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of friction in a model of its own: two standard errors of gain, however many were looked at."""
+    judge, terms = judged([], 0.1)
+    (term,) = (t for t in terms if t.effect == "viscous_friction" and t.joint == 0)
+    monkeypatch.setattr(prune, "_common", lambda *_: set())
+    monkeypatch.setattr(prune, "_forced", lambda *_: set())
+    monkeypatch.setattr(prune, "in_errors", lambda *_: {term: size})
+    monkeypatch.setattr(Judge, "worth", lambda *_, **__: gain(worth))
+    assert prune.keep_sure(judge, [term], 20, lambda step: None)[1] == ([term] if kept else [])
+
+
+def test_what_stands_for_another_costs_a_share_of_what_is_left_with_it() -> None:
+    """The noise is of two floors: an error that grows by 0.08 of a squared floor grows by a fiftieth."""
+    told = {frozenset([VISCOUS]): 2.0 * NOISE, frozenset([CURVED]): 2.0 * NOISE + np.sqrt(0.08) * LARGE}
+    judge = told_judge(told)
+    named = _Named(judge, [VISCOUS], {}, judge.evidence.held([VISCOUS]))
+    growth = named.as_good(judge.evidence.held([CURVED]))
+    assert growth is not None
+    assert growth == pytest.approx([0.02])
+
+
+def test_every_step_that_is_told_is_a_step_of_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, terms = judged([Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": 1.5})], 0.2)
+    idle = next(t for t in terms if t.effect == "torque_offset" and t.joint == 0)
+    # A law that is not sure beside the plainer one goes, by a step of its own.
+    monkeypatch.setattr(find_module, "cheaper", lambda judge, chosen: (judge.at([*chosen, idle]), [*chosen, idle]))
+    told: list[Any] = []
+    found = find_module.find(judge, terms, told.append)
+    assert (found.steps[-1].action, found.steps[-1].term) == ("drop", idle)
+    assert found.steps[-1] is told[-1]

@@ -98,6 +98,18 @@ def test_what_friction_holds_is_let_pass_and_what_it_does_not_is_measured() -> N
         assert " N are left" in found.notes(("a", "b"), ("b",))[0]
 
 
+@pytest.mark.parametrize("offset", [1.0, 3.0])
+def test_its_share_is_of_all_that_is_left_also_in_motion(offset: float) -> None:
+    one = run("a", 1)
+    moving = run("a", 1, effects=(*FRICTION, Effect("torque_offset", (ELBOW,), {"offset": offset})))
+    found = left(pushed(moving, 8.0 - offset, joint=1), test=[run("clear", 9)])
+    stood = found.seconds[1] * found.rms[1] ** 2
+    kept = process(one, arm(), SETTINGS.process).mask[:, 1]
+    in_motion = kept.mean() * 9.0 * offset**2
+    assert found.share[1] == pytest.approx(stood / (stood + in_motion), abs=0.03)
+    assert found.share[0] == 0.0
+
+
 def test_every_stretch_is_told_with_its_own_times() -> None:
     both = run("a", 1)
     for start in (3.3, 4.9):

@@ -92,7 +92,8 @@ def test_stamps_that_stray_from_the_grid_have_values_of_their_own_instants():
 def test_friction_that_drives_at_the_speeds_of_a_log_is_told_where_somebody_listens():
     falling = {"quadratic_coefficient": -1.0, "cubic_coefficient": 0.0}
     grease = Effect("viscous_friction", ("elbow",), {"viscous_coefficient": 0.5})
-    run, told = true_run(), []
+    run = true_run()
+    told: list[str] = []
     model = Model(two_links(), (grease, Effect("nonlinear_viscous_friction", ("elbow",), falling)))
     found = predict(model, run, notify=told.append)
     # 0.5 dq - dq |dq| drives beyond 0.5 rad/s.

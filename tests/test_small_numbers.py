@@ -8,6 +8,8 @@ import pytest
 from tests.small_arm import arm
 
 from hybrid_dynamics.effects import Effect, Term, family, predict
+from hybrid_dynamics.effects.acting import readings
+from hybrid_dynamics.loop.blackbox import ITERATIONS, _fit
 from hybrid_dynamics.loop.diagnosis import errors_of
 from hybrid_dynamics.loop.extrapolation import extrapolation
 from hybrid_dynamics.loop.jackknife import covariance_of
@@ -83,3 +85,28 @@ def test_blocks_that_know_nothing_of_each_other_give_the_error_of_a_mean():
     for owner in (np.zeros(blocks, int), np.arange(blocks), np.repeat(np.arange(blocks // 2), 2)):
         found = covariance_of(np.array([[blocks * weight]]), parts, scores, owner)
         assert float(found[0, 0]) == pytest.approx(float(np.sum(scores**2)) / (blocks * weight) ** 2, rel=0.15)
+
+
+@pytest.mark.parametrize(("learnable", "fewest", "most"), [(True, 20, ITERATIONS), (False, 1, 8)])
+def test_trees_go_on_as_long_as_rows_they_have_not_seen_gain(learnable: bool, fewest: int, most: int):
+    rng = np.random.default_rng(4)
+    x = rng.uniform(-1, 1, (600, 2))
+    y = 0.2 * rng.normal(size=600) + learnable * np.sin(4 * x[:, 0]) * x[:, 1]
+    assert fewest <= _fit(x, y, np.repeat(np.arange(3), 200), seed=0).n_iter_ <= most
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "parameters"),
+    [
+        ("torque_gain", ("shoulder", "elbow"), {"gain": 1.2}),
+        ("torque_gain", ("elbow",), {"gain": 1.2}),
+        ("position_offset", ("elbow",), {"offset": 0.1}),
+        ("time_delay", (), {"delay": 0.01}),
+    ],
+)
+def test_a_log_that_reads_otherwise_than_the_truth_is_not_plain(name: str, joints: tuple[str, ...], parameters: Any):
+    of_each = [Effect(name, (j,), parameters) for j in joints] or [Effect(name, (), parameters)]
+    assert readings(arm(), []).plain
+    assert not readings(arm(), of_each).plain
+    # Control: what acts on the arm leaves what is read of it as it is.
+    assert readings(arm(), [Effect("viscous_friction", ("elbow",), {"viscous_coefficient": 2.0})]).plain
