@@ -9,7 +9,8 @@ import pytest
 
 from hybrid_dynamics.effects import Effect, Term, predict
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop, partner
-from hybrid_dynamics.loop.partner import notes_of, partner_open
+from hybrid_dynamics.loop.noise import noise_floor
+from hybrid_dynamics.loop.partner import notes_of, partner_open, seen_together
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.robots import Robot
@@ -26,6 +27,8 @@ ROBOT = Robot.from_text(
     "three joints",
 )
 FORM = {"from_joint": "j1", "rows": "own", "sign_of": "partner"}
+#: Share of white noise at 200 Hz that the filter of the torque lets pass.
+SMOOTHED = 0.35
 COUPLING = Effect("joint_coupling", ("j0",), {"viscous_coefficient": 0.3, "coulomb_torque": 0.5, "armature": 0.0}, FORM)
 
 
@@ -97,3 +100,53 @@ def test_the_loop_names_it_where_its_partner_is_told(together: bool) -> None:
         assert named == {("joint_coupling", ("j0",))}
         assert told == []
         assert result.diagnosis.verdict == "explained"
+
+
+def test_joints_that_never_move_at_once_are_not_asked_for_a_coupling() -> None:
+    """Each one's own friction is what a coupling would stand for."""
+    friction = [Effect("coulomb_friction", (f"j{k}",), {"coulomb_torque": 0.8}) for k in range(2)]
+    settings = LoopSettings()
+
+    def asked(train: list[Trajectory]) -> tuple[set[tuple[str | None, str]], list[str]]:
+        _, terms, notes = gather(Model(ROBOT), read_motion(ROBOT, train, [], settings), settings)
+        coupled = [t for t in terms if t.effect == "joint_coupling"]
+        return {(f"j{t.joint}", str(t.options["from_joint"])) for t in coupled}, notes
+
+    in_turn = in_pieces(friction, [(0,), (1,), (2,)])
+    pairs, notes = asked([in_turn])
+    assert pairs == set()
+    assert notes == [
+        "j0 and j1, j1 and j2: never move at once, so nobody asks whether they are coupled; move neighbours together "
+        "for that"
+    ]
+    # Two of three at once are asked; the control: all together.
+    assert asked([in_pieces(friction, [(0, 1), (2,), (0, 1)])])[0] == {("j0", "j1")}
+    assert asked([log(friction, seed, "train", False) for seed in (1, 2)]) == ({("j0", "j1"), ("j1", "j2")}, [])
+    term = Term("viscous_friction", 0)
+    assert seen_together(read_motion(ROBOT, [in_turn], [], settings).train, ROBOT, term)
+
+
+def test_no_floor_is_above_what_the_starting_model_leaves() -> None:
+    """A joint that moves for a second or two is predicted anyhow by a rich model of the rest of its motion."""
+    train = [in_pieces([], [(0,), (1,), (2,)], seconds=3.0)]
+    logs = read_motion(ROBOT, train, [log([], 9, "test", False)], LoopSettings())
+    judge, _, _ = gather(Model(ROBOT), logs, LoopSettings())
+    left = np.sqrt(judge.mean_square(judge.evidence.held([])))
+    assert np.all(noise_floor(judge.evidence)[:2] > 100 * left[:2])
+    assert np.all(judge.floor <= np.maximum(left, judge.low) * (1 + 1e-9))
+    np.testing.assert_allclose(judge.floor, 0.03 * SMOOTHED, rtol=0.3)
+
+
+def in_pieces(effects: list[Effect], moving: list[tuple[int, ...]], seconds: float = 8.0) -> Trajectory:
+    """Pieces in which some joints move and the others stand."""
+    whole = [log([], seed, "train", False) for seed in range(len(moving))]
+    rows = round(seconds * 200)
+    s = np.sin(np.pi * np.arange(rows) / rows)[:, None] ** 2
+    q = np.concatenate(
+        [s * run["q"][:rows] * np.isin(np.arange(3), some) for run, some in zip(whole, moving, strict=True)]
+    )
+    time = np.arange(len(q)) / 200.0
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(ROBOT, effects, q, dq, np.gradient(dq, time, axis=0), time)
+    tau += 0.03 * np.random.default_rng(0).normal(size=tau.shape)
+    return Trajectory("in_turn", "train", time, {"q": q, "dq": dq, "tau": tau})

@@ -19,6 +19,7 @@ from hybrid_dynamics.loop import known
 from hybrid_dynamics.loop.beside import all_beside
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.held_still import asks_too_much
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.trace import PRACTICAL, Judge, difference_error, same_place
@@ -78,12 +79,14 @@ def change_of(
 @dataclass(frozen=True)
 class Confirmation:
     """``changes`` per term; ``refused``: terms in the order in which the test runs spoke against them, then those that
-    were known beside these alone (``unknown``); ``model`` without all of them, re-fitted; it lists them as inactive."""
+    were known beside these alone (``unknown``); ``at_rest``: of the refused those that ask too much of joints that only
+    stand in the test runs; ``model`` without all of them, re-fitted; it lists them as inactive."""
 
     changes: dict[Term, TestChange]
     refused: tuple[Term, ...]
     model: Model
     unknown: tuple[Term, ...] = ()
+    at_rest: tuple[Term, ...] = ()
 
 
 def confirm(
@@ -92,8 +95,9 @@ def confirm(
     """Ask the test runs about every name in ``full``, the model of what was ``found`` on top of ``base``.
 
     The most contradicted name goes first and the rest are asked again without it. A joint that still ends worse than it
-    began loses the names that make it so: its own, and those of others that help neither theirs nor the whole. What is
-    contradicted may have stood for friction of ``candidates``, which is estimated in its place then.
+    began loses the names that make it so: its own, and those of others that help neither theirs nor the whole. So does
+    one that only stands in the test runs, of which the model asks more then than friction holds. What is contradicted
+    may have stood for friction of ``candidates``, which is estimated in its place then.
     """
     changes: dict[Term, TestChange] = {}
     kept, refused, model = list(found.terms), [], full
@@ -101,7 +105,7 @@ def confirm(
     while kept:
         asked: dict[Term, TestChange] = {}
         for s in kept:
-            change = test_change(judge, tests, model, found.model([o for o in kept if o != s], False), names)
+            change = test_change(judge, tests, model, _without(found, kept, s), names)
             asked[s] = replace(change, contradicts=change.contradicts and not _helps_its_joint(s, change))
             changes.setdefault(s, asked[s])
         against = [s for s in kept if asked[s].contradicts] or _worse_joints(judge, base, model, kept, asked, tests)
@@ -112,6 +116,12 @@ def confirm(
         kept.remove(worst)
         refused.append(worst)
         model = found.model(kept)
+    at_rest: list[Term] = []
+    while (most := asks_too_much(base, model, kept, lambda s: _without(found, kept, s), tests, judge)) is not None:
+        kept.remove(most)
+        at_rest.append(most)
+        model = found.model(kept)
+    refused += at_rest
     unknown: list[Term] = []
     spared: list[Term] = []
     while refused and (lost := _unknown(found, kept, model, spared)) is not None:
@@ -128,7 +138,12 @@ def confirm(
     if refused:
         model = _filled(judge, base, found, kept, model, tests, candidates)
     inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]
-    return Confirmation(changes, tuple(refused), model.with_inactive(inactive), tuple(unknown))
+    return Confirmation(changes, tuple(refused), model.with_inactive(inactive), tuple(unknown), tuple(at_rest))
+
+
+def _without(found: Found, kept: Sequence[Term], term: Term) -> Model:
+    """The model of ``kept`` names but ``term``, re-fitted."""
+    return found.model([o for o in kept if o != term], False)
 
 
 def _unknown(found: Found, kept: Sequence[Term], model: Model, spared: Sequence[Term]) -> Term | None:

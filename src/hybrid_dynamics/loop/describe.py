@@ -204,6 +204,8 @@ def _confirmed(
     }
     if term in said.unknown:
         out["why_not"] = "known only beside names that the test runs contradict"
+    elif term in said.at_rest:
+        out["why_not"] = "it asks more of a joint that stands in the test runs than was measured"
     elif term in said.refused:
         out["why_not"] = _why_not(robot, term, change, outside, entry, runs)
     return out

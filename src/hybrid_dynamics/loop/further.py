@@ -19,6 +19,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS, difference_floor
 from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
+from hybrid_dynamics.loop.partner import seen_together
 from hybrid_dynamics.loop.prune import impossible
 from hybrid_dynamics.loop.search import better_settings, take
 from hybrid_dynamics.loop.trace import Judge, covers, joined, same_place
@@ -91,13 +92,15 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, lis
 
 
 def _askable(evidence: Evidence, terms: Sequence[Term]) -> list[Term]:
-    """Those of ``terms`` that may be asked unnamed: of few numbers, and of the time only where runs show it.
+    """Those of ``terms`` that may be asked unnamed: of few numbers, of joints that move together, and of the time only
+    where runs show it.
 
     A short run begins anywhere: what changes in its first seconds can stand for any law of the motion made in them.
     """
     timed = sum(float(run.time[-1] - run.time[0]) for run in evidence.runs) >= TIMED
     few = [s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS]
-    return [s for s in few if timed or not s.family().follows_time]
+    seen = [s for s in few if seen_together(evidence.runs, evidence.robot, s)]
+    return [s for s in seen if timed or not s.family().follows_time]
 
 
 def further_beside(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:

@@ -4,6 +4,9 @@ In a few moves from pose to pose all joints begin and end together, and what one
 other does, move by move. A torque that a few seconds leave unexplained then follows somebody's motion, and of many
 partners and signs the best one predicts well until the next moves. So a coupling is named where its partner is told
 from every other one that the joint may have.
+
+Where joints move in turn, two of them never do at once. What one asks of the other is then in no row that counts, and a
+coupling would be another name for each one's own friction, for a joint that stands as large as for one that moves.
 """
 
 from __future__ import annotations
@@ -14,7 +17,32 @@ import numpy as np
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.law import FROM_JOINT
+from hybrid_dynamics.loop.floor import FEWEST_ROWS
+from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.trace import DECISIVE, Judge, same_place
+from hybrid_dynamics.robots import Robot
+
+#: Share of a joint's rows in motion in which its partner has to move, too.
+TOGETHER = 0.05
+
+
+def seen_together(runs: Sequence[Run], robot: Robot, term: Term) -> bool:
+    """True where every joint on which ``term`` has a torque moves together with the one that it follows, on enough rows
+    of ``runs`` and on no too small share of its own motion; also of what follows no other joint."""
+    if FROM_JOINT not in term.options:
+        return True
+    both = np.sum([run.mask.T.astype(int) @ run.mask for run in runs], axis=0)
+    pairs = [(row, partner) for row, partner in term.family().rows(robot, term) if partner is not None]
+    return all(both[row, k] >= max(FEWEST_ROWS, TOGETHER * both[row, row]) for row, k in pairs)
+
+
+def told_apart(robot: Robot, terms: Sequence[Term]) -> list[str]:
+    """One sentence on ``terms`` that are not asked, since joints do not move together."""
+    pairs = {tuple(sorted((t.index, robot.joint_names.index(str(t.options[FROM_JOINT]))))) for t in terms}
+    if not pairs:
+        return []
+    which = ", ".join(f"{robot.joint_names[j]} and {robot.joint_names[k]}" for j, k in sorted(pairs))
+    return [f"{which}: never move at once, so nobody asks whether they are coupled; move neighbours together for that"]
 
 
 def partner_open(judge: Judge, chosen: Sequence[Term]) -> dict[Term, list[str]]:
