@@ -277,6 +277,27 @@ def test_a_joint_that_rests_says_nothing_of_when_the_velocity_was_taken(rests_fr
     assert "dq is 0.1 s behind" in told.text
 
 
+def test_a_late_velocity_is_told_from_runs_in_which_one_joint_moves_each():
+    """The noise of the joint that rests would count as much as the motion of the other, run by run."""
+    time = np.arange(4000) / 500.0
+    sway = 0.5 * np.sin(1.3 * time) * np.sin(np.pi * time / 8.0) ** 2
+
+    def runs_with(late: int) -> list[Trajectory]:
+        out = []
+        for j in range(2):
+            q = np.zeros((len(time), 2))
+            q[:, j] = sway
+            dq = np.zeros_like(q)
+            dq[:, j] = np.roll(np.gradient(sway, time), late)
+            dq += 1e-3 * np.random.default_rng(j).normal(size=q.shape)
+            out.append(Trajectory(f"run{j}", "train", time, {"q": q, "dq": dq}))
+        return out
+
+    (told,) = check_velocity(("shoulder", "elbow"), runs_with(50))
+    assert "dq is 0.1 s behind" in told.text
+    assert check_velocity(("shoulder", "elbow"), runs_with(0)) == []
+
+
 def test_a_copy_of_a_training_run_is_no_test_run_whatever_it_is_called(run):
     other = runs(train=2, test=1)[1][0]
     copy = Trajectory("copy", "test", run.time + 100.0, {s: np.round(x, 7) for s, x in run.signals.items()})

@@ -99,7 +99,9 @@ def test_the_console_names_the_effect_in_words_first(here, capsys):
     shown = capsys.readouterr()
     lines = shown.out.splitlines()
     assert lines[0].startswith("two_links: explained: what the model lacked has been found and added;")
-    assert lines[1].startswith("missing: viscous friction 2 N m s/rad on shoulder; torque offset 0.8")
+    assert lines[1].startswith("missing: ")
+    assert "viscous friction 2 N m s/rad on shoulder; " in lines[1]
+    assert "torque offset 0.8 N m on elbow; " in lines[1]
     assert "held-out error" in lines[1]
     assert " → " in lines[1]
     stages = shown.err.splitlines()

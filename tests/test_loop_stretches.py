@@ -9,7 +9,9 @@ import pytest
 from tests.small_arm import arm, noisy_log
 
 from hybrid_dynamics.effects import Effect
+from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, close_loop
+from hybrid_dynamics.loop.hold_out import hold_out
 from hybrid_dynamics.loop.process import ProcessSettings, process
 from hybrid_dynamics.loop.stretches import STRETCH, spread
 from hybrid_dynamics.simulation.excitation import excitation
@@ -45,14 +47,52 @@ def test_what_is_looked_at_is_as_long_as_asked_for_and_evenly_spread(lengths: tu
         np.testing.assert_array_equal(piece["q"][:, 0], piece.time)
         assert piece.start == 0.0
         assert piece.name.split(" ")[0] in {run.name for run in runs}
-    # In the longest run no two neighbours are further apart than twice the even distance.
+    # In the longest run no two neighbours are further apart than a few times the even distance.
     of_longest = runs[int(np.argmax(lengths))]
     starts = [p.time[0] for p in kept if p.name.split(" ")[0] == of_longest.name]
     even = STRETCH * sum(lengths) / longest
-    assert np.diff([*starts, of_longest.time[-1]]).max() < 2 * even + STRETCH
+    assert np.diff([*starts, of_longest.time[-1]]).max() < 4 * even + STRETCH
     (note,) = notes
     assert f"{len(kept)} stretches" in note
     assert "the setting longest" in note
+
+
+@pytest.mark.parametrize("kinds", [2, 3, 4])
+@pytest.mark.parametrize("count", [40, 80, 240])
+def test_what_alternates_from_run_to_run_is_seen_in_all_its_kinds(kinds: int, count: int):
+    """There and back, one tool and the other: a choice of every second, fourth ... would see one of them."""
+    kept, _ = spread([long_run(f"{'abcd'[k % kinds]}{k}", 60.0) for k in range(count)], 1200.0, "training")
+    seen = [piece.name[0] for piece in kept]
+    assert min(seen.count(kind) for kind in "abcd"[:kinds]) >= len(kept) / kinds / 3
+    # Within one run as well.
+    (run,) = [long_run("r", 60.0 * count)]
+    starts = [round(piece.time[0] / 60.0) % kinds for piece in spread([run], 1200.0, "training")[0]]
+    assert min(starts.count(kind) for kind in range(kinds)) >= len(starts) / kinds / 3
+
+
+def test_what_is_no_run_is_left_to_who_refuses_it():
+    nothing = Trajectory("nothing", "train", np.zeros(0), {"q": np.zeros((0, 1)), "tau": np.zeros((0, 1))})
+    instant = long_run("instant", 1 / RATE)
+    undated = long_run("undated", 30.0)
+    undated.time[5:] = np.nan
+    assert [run.name for run in spread([nothing, instant, undated], 60.0, "training")[0]] == [
+        "nothing",
+        "instant",
+        "undated",
+    ]
+    kept, _ = spread([nothing, instant, long_run("long", 600.0)], 120.0, "training")
+    assert sum(piece.duration for piece in kept) <= 120.0 + STRETCH
+    with pytest.raises(InputError, match="holds 0 samples"):
+        close_loop(arm(), [Trajectory("e", "train", np.zeros(0), {s: np.zeros((0, 2)) for s in ("q", "tau")})], [])
+
+
+def test_stretches_of_one_run_are_one_run_and_of_two_are_two():
+    def told(runs: list[Trajectory]) -> int:
+        notes = hold_out(spread(runs, 120.0, "training")[0], [], LoopSettings()).notes
+        return sum("one training run only" in note for note in notes)
+
+    assert told([long_run("a", 600.0)]) == 1
+    assert told([long_run("a", 300.0), long_run("b", 300.0)]) == 0
 
 
 def test_runs_are_let_go_once_their_stretches_are_taken():

@@ -52,7 +52,7 @@ class Trajectory:
 
     ``time`` is (T,) [s]; ``signals`` maps ``q dq ddq dddq tau tau_inertia tau_coriolis tau_gravity q_ref dq_ref``
     (those that are known) to (T, n) arrays in SI units. ``split`` is ``train`` or ``test``. ``began`` [s]: the time
-    stamp at which the run did of which this is a piece; None: this is no piece.
+    stamp at which the run did of which this is a piece, and ``whole`` the name of that run; None: this is no piece.
     """
 
     name: str
@@ -60,6 +60,7 @@ class Trajectory:
     time: Array
     signals: Mapping[str, Array] = field(default_factory=dict)
     began: float | None = None
+    whole: str | None = None
 
     def __post_init__(self) -> None:
         if self.split not in ("train", "test"):
@@ -86,12 +87,19 @@ class Trajectory:
     @property
     def start(self) -> float:
         """Time stamp [s] of the run's beginning, also of a piece of it."""
-        return float(self.time[0]) if self.began is None else self.began
+        if self.began is not None:
+            return self.began
+        return float(self.time[0]) if len(self.time) else 0.0
 
     @property
     def duration(self) -> float:
         """[s] from the first sample to the last."""
-        return float(self.time[-1] - self.time[0])
+        return float(self.time[-1] - self.time[0]) if len(self.time) else 0.0
+
+    @property
+    def whole_name(self) -> str:
+        """Name of the run, also of a piece of it."""
+        return self.name if self.whole is None else self.whole
 
     def __getitem__(self, signal: str) -> Array:
         try:

@@ -172,13 +172,14 @@ def _scale(names: Sequence[str], size: Array, judged: NDArray[np.bool_]) -> list
 def _lag(pairs: Sequence[tuple[Array, Array, float]]) -> float:
     """Seconds by which dq is late: the shift under which it is most alike; zero where none makes it alike."""
     weighted, total = 0.0, 0.0
+    # Joints count alike, but by what they move in a run's window: of one that rests there noise has the say.
+    scale = [np.maximum(np.concatenate([pair[k] for pair in pairs]).std(axis=0), 1e-300) for k in (0, 1)]
     for v, w, dt in pairs:
         reach = min(int(LONGEST / dt), len(v) // 4)
         if reach < 2:
             continue
         middle = slice(reach, len(v) - reach)
-        # Joints count alike, but by what they move in the window: of one that rests there noise has the say.
-        v, w = v / np.maximum(v.std(axis=0), 1e-300), w / np.maximum(w.std(axis=0), 1e-300)
+        v, w = v / scale[0], w / scale[1]
         own = v[middle] - v[middle].mean(axis=0)
         alike = np.empty(2 * reach + 1)
         for k in range(2 * reach + 1):

@@ -86,7 +86,7 @@ KINDS: Mapping[str, tuple[Check, str]] = {
     "sign_width": (_not_negative, "a speed >= 0 rad/s"),
     "sign_displacement": (_positive, "a distance > 0 rad"),
     "held_within": (_positive, "a number > 0"),
-    "only_run": (_text, "the name of a run"),
+    "only_run": (lambda value: _text(value) or _names(value), "the name of a run, or names of several"),
     "from_joint": (_text, "the name of a joint"),
     "rows": _one_of("own", "both"),
     "sign_of": _one_of("partner", "sum", "difference"),

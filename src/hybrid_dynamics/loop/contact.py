@@ -152,7 +152,7 @@ def _states(runs: Sequence[Run]) -> list[Array]:
 
 def _since(run: Run, row: int) -> float:
     """Time [s] of ``row`` since the run began."""
-    return round(float(run.time[min(row, len(run.time) - 1)] - (run.motion.began or 0.0)), 4)
+    return round(float(run.time[min(row, len(run.time) - 1)] - run.began), 4)
 
 
 def _runs(interval: Interval, number: int) -> list[int]:

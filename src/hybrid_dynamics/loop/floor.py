@@ -121,7 +121,7 @@ def examine(
     colour = autocorrelation(runs, residual, mask)
     folds = _folds(runs, settings.time_folds)
     share, p, most, strange = np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n, bool)
-    longest = max(float(np.ptp(run.time)) for run in runs)
+    longest = max(float(run.time[-1] - run.began) for run in runs)
     for j in np.flatnonzero(seen & (rms > np.maximum(resolution, rounded_away))):
         features = [state_features(run, int(j)) for run in runs]
         curves = [curves_of(run, int(j)) for run in runs]

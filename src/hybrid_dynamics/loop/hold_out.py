@@ -60,7 +60,7 @@ def hold_out(train: Sequence[Trajectory], test: Sequence[Trajectory], settings: 
             f"no test run is given: the last {settings.held_out_share:.0%} of every training run{of_each} are held "
             "out; whether the result carries over to other motions is not shown"
         )
-    if len(train) == 1:
+    if len({run.whole_name for run in train}) == 1:
         notes.append(
             f"one training run only: candidates are validated on {settings.time_folds} parts of it in turn; what is "
             "particular to this run cannot be told from what belongs to the robot"

@@ -81,6 +81,11 @@ class Run:
     window: int
     every: int
 
+    @property
+    def began(self) -> float:
+        """Time stamp [s] at which the run did, also of a piece of it."""
+        return float(self.time[0]) if self.motion.began is None else self.motion.began
+
     def pieces(self) -> Iterator[tuple[slice, slice]]:
         """Rows of :attr:`smooth`'s result and the states they are made of, some thousand states at a time."""
         rows = max(PIECE // self.every, 1)

@@ -34,7 +34,8 @@ MOST_GROUPS = 6
 
 def parts_of(term: Term, groups: Sequence[Sequence[str]]) -> list[Term]:
     """``term`` once for each of the ``groups`` of runs, given by their names."""
-    return [replace(term, settings=(*term.settings, (ONLY_RUN, tuple(names)))) for names in groups]
+    only = [names[0] if len(names) == 1 else tuple(names) for names in groups]
+    return [replace(term, settings=(*term.settings, (ONLY_RUN, own))) for own in only]
 
 
 def groups_of(evidence: Evidence, current: Sequence[Term], term: Term) -> list[list[str]]:

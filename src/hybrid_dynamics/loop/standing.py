@@ -111,7 +111,7 @@ def _going_on(model: Model, run: Run, joint: int, left: Array, slow: NDArray[np.
     """(K,) rows of ``left`` (K,) [N m], beyond friction where ``joint`` is ``slow`` and else 0, in which a push that
     the model knows goes on: it is known while the joint moves, and need not end with that."""
     out = np.zeros(len(left), bool)
-    since = run.time - (run.motion.began or 0.0)
+    since = run.time - run.began
     for effect in model.effects:
         if not family(effect.effect).momentary or effect.joint_index(model.robot) != joint:
             continue

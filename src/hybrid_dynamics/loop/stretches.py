@@ -1,12 +1,14 @@
-"""Hours of logs as stretches of a minute, evenly spread: as much as a result needs, and as a memory holds.
+"""Hours of logs as stretches of a minute, spread over all of them: as much as a result needs, and as a memory holds.
 
 Runs are taken one after the other as they are read. As long as all of them together are short enough they stay as they
-are. Beyond, every second minute is let go whenever more than twice as much is held as was asked for, and at the end as
-many as are asked for are picked from the rest: at no time is more held than that and the run that is just read.
+are. Beyond, one of every two neighbouring stretches is let go whenever more than twice as much is held as was asked
+for, and at the end as many as are asked for are picked from the rest: at no time is more held than that and the run
+that is just read. Which one of two it is follows no pattern, since logs do: there and back, one tool and the other.
 """
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
@@ -27,44 +29,65 @@ def spread(runs: Iterable[Trajectory], longest: float, what: str) -> tuple[list[
     A stretch knows when its run began, and holds nothing of the rest of it in memory.
     """
     whole: list[Trajectory] = []
-    pieces: list[Trajectory] = []
-    given, count, every = 0.0, 0, 1
-    logs = 0
+    pieces: list[tuple[int, Trajectory]] = []
+    given, count, every, logs = 0.0, 0, 1, 0
     for run in runs:
         logs += 1
-        given += run.duration
+        given += _lasts(run)
         if given <= longest:
             whole.append(run)
             continue
         for piece in (piece for one in (*whole, run) for piece in _stretches(one)):
-            if count % every == 0:
-                pieces.append(_alone(piece))
+            if count % every == _any_of(every, count // every):
+                pieces.append((count, piece))
             count += 1
+            while sum(_lasts(piece) for _, piece in pieces) > 2 * longest and len(pieces) > 1:
+                every *= 2
+                pieces = _one_a_cell(pieces, every)
+        pieces = [(k, _alone(piece)) for k, piece in pieces]
         whole = []
-        while sum(piece.duration for piece in pieces) > 2 * longest and len(pieces) > 1:
-            every *= 2
-            pieces = pieces[::2]
     if given <= longest:
         return whole, []
-    held = sum(piece.duration for piece in pieces)
-    some = max(min(int(len(pieces) * longest / held), len(pieces)), 1)
-    pieces = [pieces[k] for k in np.linspace(0, len(pieces), some, endpoint=False).astype(int)]
+    held = sum(_lasts(piece) for _, piece in pieces)
+    some = min(max(int(len(pieces) * longest / held), 1), len(pieces)) if held > 0 else len(pieces)
+    cells = np.array_split(np.arange(len(pieces)), some)
+    kept = [pieces[cell[_any_of(len(cell), k)]][1] for k, cell in enumerate(cells)]
     of = f"{logs} {what} runs" if logs > 1 else f"one {what} run"
+    lasts = "last" if logs > 1 else "lasts"
+    which = f"{some} stretches, spread over them all, are" if some > 1 else "one stretch of it is"
     note = (
-        f"{of} of {_long(given)} last longer than {_long(longest)}: {some} stretches of about a minute, evenly spread, "
-        f"are looked at, {_long(sum(piece.duration for piece in pieces))} in all; the setting longest [s] is how much"
+        f"{of} of {_long(given)} {lasts} longer than {_long(longest)}: {which} looked at, "
+        f"{_long(sum(map(_lasts, kept)))} in all; the setting longest [s] is how much"
     )
-    return pieces, [note]
+    return kept, [note]
+
+
+def _any_of(number: int, cell: int) -> int:
+    """One of ``number``, the same every time for the same ``cell``, and of neighbouring cells in no order."""
+    return zlib.crc32(f"{number} {cell}".encode()) % number
+
+
+def _one_a_cell(pieces: list[tuple[int, Trajectory]], every: int) -> list[tuple[int, Trajectory]]:
+    """One of the ``pieces``, numbered in the order of time, in every cell of ``every`` numbers."""
+    cells: dict[int, list[tuple[int, Trajectory]]] = {}
+    for k, piece in pieces:
+        cells.setdefault(k // every, []).append((k, piece))
+    return [own[_any_of(len(own), cell)] for cell, own in cells.items()]
+
+
+def _lasts(run: Trajectory) -> float:
+    """Duration [s]; of stamps that are none, which are refused later, nothing."""
+    return run.duration if np.isfinite(run.duration) else 0.0
 
 
 def _stretches(run: Trajectory) -> list[Trajectory]:
     """``run`` in parts of equal length, about :data:`STRETCH`; one that is no longer than that as it is."""
-    parts = max(round(run.duration / STRETCH), 1)
+    parts = max(round(_lasts(run) / STRETCH), 1)
     if parts == 1:
         return [run]
     ends = np.linspace(0, len(run.time), parts + 1).astype(int)
     pieces = [run.rows(slice(first, last)) for first, last in pairwise(map(int, ends))]
-    return [replace(p, name=f"{run.name} (from {p.time[0] - run.start:.0f} s)") for p in pieces]
+    return [replace(p, name=f"{run.name} (from {p.time[0] - run.start:.0f} s)", whole=run.whole_name) for p in pieces]
 
 
 def _alone(piece: Trajectory) -> Trajectory:

@@ -23,7 +23,7 @@ def friction_in_time(run: Run, joint: int, longest: float) -> Array:
     began, over ``longest`` [s]; columns without a unit."""
     dq = run.dq[:, joint]
     own = np.column_stack([np.sign(dq), dq / max(float(np.abs(dq).max(initial=0.0)), 1e-300)])
-    since = (run.time - run.time[0]) / longest
+    since = (run.time - run.began) / longest
     return np.hstack([own * since[:, None] ** power for power in POWERS])
 
 

@@ -163,7 +163,7 @@ def _curves(result: LoopResult, effects: Sequence[Effect], kind: str, place: int
 
 def _variable(run: Run, axis: str) -> Array:
     if axis == "time":
-        return np.repeat((run.time - run.time[0])[:, None], run.tau.shape[1], axis=1)
+        return np.repeat((run.time - run.began)[:, None], run.tau.shape[1], axis=1)
     return np.asarray(getattr(run, axis))
 
 
@@ -173,7 +173,7 @@ def _traces(result: LoopResult) -> list[Trace]:
     for run in result.test[:TRACE_RUNS]:
         before, after = (predict_run(model, run) for model in (result.models[0], result.model))
         thin = slice(None, None, max(-(-len(run.time) // TRACE_POINTS), 1))
-        time = _numbers((run.time - run.time[0])[thin])
+        time = _numbers((run.time - run.began)[thin])
         for j, name in enumerate(names):
             shown = (_numbers(values[thin, j]) for values in (run.tau, before, after))
             out.append(Trace(run_title(run.name), name, time, *shown))
