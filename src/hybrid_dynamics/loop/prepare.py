@@ -22,7 +22,6 @@ from hybrid_dynamics.loop.outliers import describe, outlier_segments
 from hybrid_dynamics.loop.partner import seen_together, told_apart
 from hybrid_dynamics.loop.paths import paths_of
 from hybrid_dynamics.loop.process import Run, moving_joints, process
-from hybrid_dynamics.loop.prune import on_every_joint
 from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.trace import Judge, same_place
 from hybrid_dynamics.robots import Robot
@@ -180,28 +179,15 @@ def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list
     # A rich model of few rows follows the noise; second differences see it whatever the model.
     low = difference_floor(logs.train, evidence.problem.base_target, evidence.mask)
     floor = np.where(seen, np.maximum(np.maximum(noise_floor(evidence), low), least), 0.0)
-    floor = np.minimum(floor, np.maximum(_left_by_plain_models(evidence, terms, floor), np.maximum(low, least)))
+    # No more than the starting model leaves is noise. Where a joint moves for seconds only the rich model goes astray
+    # on the parts held out: of joints that move in turn it made floors of millions of newton metres.
+    nothing = evidence.held([]).joint_errors / np.maximum(evidence.samples, 1)
+    floor = np.minimum(floor, np.maximum(np.sqrt(nothing), np.maximum(low, least)))
     misfit = np.zeros(evidence.n) if base.misfit is None else np.asarray(base.misfit, float)
     # What rounding takes away is no news either. Where the torque goes through many steps it is part of the noise.
     misfit = np.maximum(misfit, np.where(np.sqrt(variance) < MANY_STEPS * logs.step, logs.rounded_away, 0.0))
     judge = Judge(evidence.weigh(floor), settings, floor, variance, misfit, np.maximum(low, least), tuple(contacts))
     return judge, terms, [*notes, *told_apart(base.completed_robot, [t for t in every if t not in terms])]
-
-
-def _left_by_plain_models(evidence: Evidence, terms: Sequence[Term], floor: Array) -> Array:
-    """(n,) [N m] held out by the starting model as it is, or by all links, friction, offset and armature of every joint
-    at once, joints weighed by ``floor``, whichever is less.
-
-    No more than this is noise. Where a joint moves for seconds only, the rich model goes astray on the parts held out,
-    and takes that for noise: of an arm whose joints move in turn it made floors of millions of newton metres.
-    """
-    weighed = evidence.weigh(floor)
-    tried = [weighed.held([])]
-    links = next((t for t in terms if t.family().all_links), None)
-    if links is not None and not evidence.problem.links_identified:
-        tried.append(weighed.held([*on_every_joint(terms), links]))
-    least = np.min([held.joint_errors for held in tried], axis=0)
-    return np.asarray(np.sqrt(least / np.maximum(evidence.samples, 1)))
 
 
 def resolution(logs: Logs, settings: LoopSettings) -> Array:
