@@ -123,7 +123,7 @@ def test_joints_that_never_move_at_once_are_not_asked_for_a_coupling() -> None:
     assert asked([in_pieces(friction, [(0, 1), (2,), (0, 1)])])[0] == {("j0", "j1")}
     assert asked([log(friction, seed, "train", False) for seed in (1, 2)]) == ({("j0", "j1"), ("j1", "j2")}, [])
     term = Term("viscous_friction", 0)
-    assert seen_together(read_motion(ROBOT, [in_turn], [], settings).train, ROBOT, term)
+    assert seen_together(read_motion(ROBOT, [in_turn], [], settings).train, ROBOT, [term]) == [term]
 
 
 def test_no_floor_is_above_what_the_starting_model_leaves() -> None:

@@ -82,10 +82,16 @@ def close_files(files: LoopFiles, progress: Progress | None = None, note: Notify
     robot = Robot.from_urdf(files.robot, files.lock)
     start = load_model(files.model, robot) if files.model else None
     described = () if files.model or files.ignore_dynamics else urdf_dynamics(files.robot, robot)
+    provenance: dict[str, Any] = {}
+
+    def held_out() -> Iterator[Trajectory]:
+        yield from read_logs(files.test, robot, "test", note, files.form)
+        # The last is read: files as they are now, and copies of training logs are refused before anything is searched.
+        provenance.update(files.provenance(robot))
+
     train = read_logs(files.train, robot, "train", note, files.form)
-    test = read_logs(files.test, robot, "test", note, files.form)
-    result = with_described(close_loop(robot, train, test, files.settings, start, progress, described), described)
-    provenance = files.provenance(robot)
+    result = close_loop(robot, train, held_out(), files.settings, start, progress, described)
+    result = with_described(result, described)
     if progress is not None:
         progress(1.0, "writing the report")
     with result_folder(files.out, RESULT_FILES, force=files.force, ours=is_result) as folder:

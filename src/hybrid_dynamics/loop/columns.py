@@ -22,10 +22,10 @@ Moving = tuple[tuple[Array, ...], ...]
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Columns that were added together and follow nothing, per run and joint: their ``index`` (p,) and ``rows``
-    (K, p); those of terms that act in other runs only, zero in this one, are not among them."""
+    """Columns that were added together and follow nothing: of each joint their ``index`` (p,), and per run and joint
+    ``rows`` (K, p)."""
 
-    index: tuple[tuple[Indices, ...], ...]
+    index: tuple[Indices, ...]
     rows: tuple[tuple[Array, ...], ...]
 
 
@@ -108,17 +108,19 @@ class Columns:
     def adding(self, terms: Sequence[Term]) -> Columns:
         """These and the columns of ``terms`` (those not there yet)."""
         asked = [term for term in dict.fromkeys(terms) if term not in self]
-        parts = [term for term in asked if not follows(term) and whole_of(term) != term and whole_of(term) in self]
+        parts = [term for term in asked if not follows(term) and whole_of(term) != term]
         if parts:
-            return self._adding_parts(parts).adding(terms)
+            rest = [term for term in asked if term not in parts]
+            return self.adding([*map(whole_of, parts), *rest])._adding_parts(parts)
         if not asked:
             return self
         problem, n = self.problem, self.problem.n
         made = [_Made.of(problem, r, asked) for r in range(len(problem.runs))]
         size, moving, known = list(self.size), [list(m) for m in self.moving], [dict(k) for k in self._known]
         where = dict(self._where)
-        index: list[list[list[int]]] = [[[] for _ in range(n)] for _ in made]
-        taken: list[list[list[bytes]]] = [[[] for _ in range(n)] for _ in made]
+        index: list[list[int]] = [[] for _ in range(n)]
+        #: Of every new column its names, one a run.
+        taken: list[list[list[bytes]]] = [[] for _ in range(n)]
         for term in asked:
             own: list[Indices | None] = []
             for j in range(n):
@@ -126,33 +128,30 @@ class Columns:
                 if max(run.largest.get((term, j), 0.0) for run in made) < 1e-9:
                     own.append(None)
                     continue
-                first = size[j]
                 if follows(term):
-                    places = np.arange(first, first + count)
+                    places = np.arange(size[j], size[j] + count)
                     moving[j] += places.tolist()
                     size[j] += count
                 else:
                     places = np.empty(count, int)
                     for k in range(count):
-                        # With the run's number: what two runs hold alike are two columns where each acts in one.
-                        of_run = {r: run.names[term, j][k] for r, run in enumerate(made) if (term, j) in run.names}
-                        name = b"".join(b"%d:" % r + digest for r, digest in of_run.items())
-                        places[k] = known[j].setdefault(name, size[j])
+                        names = [run.names[term, j][k] for run in made]
+                        places[k] = known[j].setdefault(b"".join(names), size[j])
                         if places[k] == size[j]:
                             size[j] += 1
-                            for r, digest in of_run.items():
-                                index[r][j].append(int(places[k]))
-                                taken[r][j].append(digest)
+                            index[j].append(int(places[k]))
+                            taken[j].append(names)
                 own.append(places)
             where[term] = tuple(own)
         chunks = self._chunks
-        if any(any(at) for at in index):
+        if any(index):
             rows = []
             for r, run in enumerate(problem.runs):
                 none = np.empty((len(run.time), 0))
-                rows.append(tuple(np.column_stack([none, *(made[r].rows[d] for d in taken[r][j])]) for j in range(n)))
-                made[r].rows.clear()
-            chunks = (*chunks, _Chunk(tuple(tuple(np.array(i, int) for i in at) for at in index), tuple(rows)))
+                held = made[r].rows
+                rows.append(tuple(np.column_stack([none, *(held[names[r]] for names in taken[j])]) for j in range(n)))
+                held.clear()
+            chunks = (*chunks, _Chunk(tuple(np.array(i, int) for i in index), tuple(rows)))
         return Columns(
             problem,
             (*self.terms, *asked),
@@ -166,7 +165,7 @@ class Columns:
         )
 
     def _adding_parts(self, terms: Sequence[Term]) -> Columns:
-        """These and those of ``terms`` that act in some runs alone, where the same terms for all runs are there: no
+        """These and those of ``terms`` that act in some runs alone; the same terms for all runs are there, so that no
         column is held twice."""
         size, where = list(self.size), dict(self._where)
         held = [list(of_run) for of_run in self._held]
@@ -268,7 +267,7 @@ class Columns:
 
     def _parts(self, r: int, j: int, moving: Moving) -> list[tuple[Indices, Array]]:
         """All columns of joint ``j`` that are held for run number ``r`` in pieces: their index (p,) and rows (K, p)."""
-        still = [(chunk.index[r][j], chunk.rows[r][j]) for chunk in self._chunks if len(chunk.index[r][j])]
+        still = [(chunk.index[j], chunk.rows[r][j]) for chunk in self._chunks if len(chunk.index[j])]
         return [*still, (self.moving[j], moving[r][j])] if len(self.moving[j]) else still
 
     def indices(self, layout: Layout) -> list[tuple[Indices, Indices]]:

@@ -99,7 +99,7 @@ def _askable(evidence: Evidence, terms: Sequence[Term]) -> list[Term]:
     """
     timed = sum(float(run.time[-1] - run.time[0]) for run in evidence.runs) >= TIMED
     few = [s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS]
-    seen = [s for s in few if seen_together(evidence.runs, evidence.robot, s)]
+    seen = seen_together(evidence.runs, evidence.robot, few)
     return [s for s in seen if timed or not s.family().follows_time]
 
 

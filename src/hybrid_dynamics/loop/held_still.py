@@ -17,7 +17,7 @@ from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.resting import standing_rows
-from hybrid_dynamics.loop.standing import BREAKS_AWAY, NOISE
+from hybrid_dynamics.loop.standing import BREAKS_AWAY, NOISE, left_at_rest
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.types import Array
 
@@ -37,11 +37,11 @@ def beyond_at_rest(model: Model, tests: Sequence[Run], joints: Sequence[int], sp
     """(k,) [N m] root mean square of what ``model`` leaves of ``joints`` at rest that their friction does not hold."""
     square, count = np.zeros((2, len(joints)))
     for run in tests:
-        own, m = model.in_run(run.name), run.motion
+        own = model.in_run(run.name)
         slow = standing_rows(own, run, speed)[:, joints]
-        middle, half = own.turning(m.q, m.dq, m.ddq, speed, joints, m.time, m.began)
-        left = np.abs(run.tau[:, joints] - run.smooth(middle)) - BREAKS_AWAY * run.smooth(half)
-        square += np.sum(np.where(slow, np.maximum(left, 0.0), 0.0) ** 2, axis=0)
+        left, holds = left_at_rest(own, run, joints, speed)
+        beyond = np.maximum(np.abs(left) - BREAKS_AWAY * holds, 0.0)
+        square += np.sum(np.where(slow, beyond, 0.0) ** 2, axis=0)
         count += slow.sum(axis=0)
     return np.asarray(np.sqrt(square / np.maximum(count, 1)))
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,12 +188,14 @@ class Linearisation:
 
     def _products_of(self, j: int, columns: Indices, mask: Sequence[Mask], parts: Sequence[_Part]) -> Array:
         out = np.zeros((len(parts), len(columns), self.columns.size[j] + 1))
-        for r, own in enumerate(mask):
-            counted = self._counted(r, j, columns, own[:, j])
-            for b, (run, rows) in enumerate(parts):
-                if run == r and counted is not None:
-                    out[b, :, :-1] = self.columns.times(counted[:, rows], r, j, self.moving, rows)
-                    out[b, :, -1] = counted[:, rows] @ self.target[r][rows, j]
+        # Run by run, as the parts are: columns of all of them at once would be most of the memory.
+        for r, of_run in groupby(enumerate(parts), key=lambda part: part[1][0]):
+            counted = self._counted(r, j, columns, mask[r][:, j])
+            if counted is None:
+                continue
+            for b, (_, rows) in of_run:
+                out[b, :, :-1] = self.columns.times(counted[:, rows], r, j, self.moving, rows)
+                out[b, :, -1] = counted[:, rows] @ self.target[r][rows, j]
         return out
 
     def _counted(self, r: int, j: int, columns: Indices, mask: Mask) -> Array | None:

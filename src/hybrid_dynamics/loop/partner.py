@@ -26,14 +26,15 @@ from hybrid_dynamics.robots import Robot
 TOGETHER = 0.05
 
 
-def seen_together(runs: Sequence[Run], robot: Robot, term: Term) -> bool:
-    """True where every joint on which ``term`` has a torque moves together with the one that it follows, on enough rows
-    of ``runs`` and on no too small share of its own motion; also of what follows no other joint."""
-    if FROM_JOINT not in term.options:
-        return True
-    both = np.sum([run.mask.T.astype(int) @ run.mask for run in runs], axis=0)
-    pairs = [(row, partner) for row, partner in term.family().rows(robot, term) if partner is not None]
-    return all(both[row, k] >= max(FEWEST_ROWS, TOGETHER * both[row, row]) for row, k in pairs)
+def seen_together(runs: Sequence[Run], robot: Robot, terms: Sequence[Term]) -> list[Term]:
+    """Those of ``terms`` of which every joint with a torque moves together with the one that it follows, on enough rows
+    of ``runs`` and on no too small share of its own motion; and all that follow no other joint."""
+    both = np.sum([run.mask.astype(float).T @ run.mask for run in runs], axis=0)
+
+    def seen(row: int, partner: int | None) -> bool:
+        return partner is None or both[row, partner] >= max(FEWEST_ROWS, TOGETHER * both[row, row])
+
+    return [t for t in terms if FROM_JOINT not in t.options or all(seen(*pair) for pair in t.family().rows(robot, t))]
 
 
 def told_apart(robot: Robot, terms: Sequence[Term]) -> list[str]:

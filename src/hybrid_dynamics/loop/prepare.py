@@ -171,7 +171,7 @@ def torque_step(runs: Sequence[Trajectory]) -> Array:
 def gather(base: Model, logs: Logs, settings: LoopSettings) -> tuple[Judge, list[Term], list[str]]:
     """Evidence for all candidates and the judge over it; notes on what was left out."""
     every = candidates(base, logs.moving, settings)
-    terms = [t for t in every if seen_together(logs.train, base.completed_robot, t)]
+    terms = seen_together(logs.train, base.completed_robot, every)
     evidence, notes = _without_outliers(Evidence.of(base, logs.train, terms, settings))
     evidence, contacts = without_contacts(evidence)
     least, variance = resolution(logs, settings), logs.variance

@@ -90,9 +90,7 @@ def beyond_friction(
             joints = [int(j) for j in np.flatnonzero((floor > 0) & (stood >= LASTS))]
             if not joints:
                 continue
-            m = run.motion
-            middle, half = own_model.turning(m.q, m.dq, m.ddq, speed, joints, m.time, m.began)
-            left, holds = run.tau[:, joints] - run.smooth(middle), run.smooth(half)
+            left, holds = left_at_rest(own_model, run, joints, speed)
             far = slow[:, joints] & (np.abs(left) > BREAKS_AWAY * holds + NOISE * noise[joints])
             for k, j in enumerate(joints):
                 own = far[:, k] & ~_going_on(own_model, run, j, np.where(far[:, k], left[:, k], 0.0), slow[:, j])
@@ -105,6 +103,14 @@ def beyond_friction(
     time = np.where(seconds > 0, seconds, 1.0)
     whole = np.maximum(square + _squares([*train, *test]), 1e-300)
     return Standing(seconds, np.sqrt(square / time), held / time, square / whole, tuple(map(_runs, where)))
+
+
+def left_at_rest(model: Model, run: Run, joints: Sequence[int], speed: float) -> tuple[Array, Array]:
+    """(K, k) [N m] what the ``model`` of ``run`` leaves of ``joints`` where they stand, slower than ``speed`` [rad/s],
+    counted from the middle of what their friction may hold, and half of that."""
+    m = run.motion
+    middle, half = model.turning(m.q, m.dq, m.ddq, speed, joints, m.time, m.began)
+    return run.tau[:, joints] - run.smooth(middle), run.smooth(half)
 
 
 def _going_on(model: Model, run: Run, joint: int, left: Array, slow: NDArray[np.bool_]) -> Mask:
