@@ -103,9 +103,14 @@ class Term:
         return dict(self.settings)
 
     def prior_scale(self, robot: Robot) -> Array:
-        """(size,) what its coordinates may plausibly be: the family's, or within what it is :data:`HELD`."""
+        """(size,) what its coordinates may plausibly be: the family's, or within what it is :data:`HELD`; of a body
+        that is a share of the family's."""
         held = self.options.get(HELD)
-        return self.family().prior_scale(robot, self) if held is None else np.full(self.size, float(held))
+        if held is None:
+            return self.family().prior_scale(robot, self)
+        if self.family().is_body:
+            return float(held) * self.family().prior_scale(robot, self)
+        return np.full(self.size, float(held))
 
     def refined(self, **values: float) -> Term:
         """The same place with other values of nonlinear parameters."""

@@ -8,7 +8,8 @@ the data cannot tell from weight is no finding, and is held near zero (ridge reg
 A few seconds show a little of the friction of every joint, and none of it as surely as a name asks for. A name that is
 wrong is worse than none; a prediction without friction is worse than one with a guess of it: where all links are
 identified, whose own guesses it would end in, and where most joints are left with more than their floor, everything
-that every arm has is estimated.
+that every arm has is estimated. So are the links, which a description knows to within a quarter at best: where held-out
+rows show it, all that are not named are estimated near what they are said to be.
 """
 
 from __future__ import annotations
@@ -20,14 +21,18 @@ import numpy as np
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.base import HELD
+from hybrid_dynamics.effects.inertial_parameters import LINKS
 from hybrid_dynamics.loop.balanced import balanced
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prune import on_every_joint
-from hybrid_dynamics.loop.trace import ACCEPTED, Judge, has_all_links, has_family
+from hybrid_dynamics.loop.trace import ACCEPTED, Judge, covers, has_all_links, has_family
 
 #: Size that such a torque is expected within, as a share of the root mean square of the joint's torque.
 EXPECTED = 0.1
+#: Links are expected within one of these shares of what is plausible of them (half their mass): a quarter of their
+#: mass, as in a description made from drawings, or a twentieth, as in one that was identified. Held-out rows choose.
+LINKS_WITHIN = (0.5, 0.1)
 #: A coefficient of so small a share of what it is held within is none.
 NOTHING = 1e-3
 
@@ -40,6 +45,9 @@ def all_beside(
     judge, beside = beside_links(judge, chosen)
     judge, guessed = beside_names(judge, [*chosen, *beside], candidates, unsure)
     unnamed = [*beside, *guessed]
+    if chosen:
+        judge, links = _links_too(judge, [*chosen, *unnamed], candidates)
+        unnamed += links
     lost = balanced(judge, [*chosen, *unnamed], unnamed)
     return judge, [t for t in unnamed if t not in lost]
 
@@ -56,6 +64,34 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
     names = [name for name in judge.settings.families if family(name).like_weight]
     alike = [Term(name, int(j)) for name in names for j in moving if not _makes(chosen, name, int(j))]
     return _held(judge, alike)
+
+
+def _links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """The links of which ``model`` has no body, held near the starting model's, where something is left to find on most
+    joints and held-out rows show that they are off, on no joint the other way; and the judge who has their columns.
+
+    What the links are off by is too little, or too alike to something else, to be a name: too short a log. A model that
+    leaves the links as they are said to be is wrong by all of it. Those of a starting model that were identified
+    already are left as they are: links do not change.
+    """
+    links = next((t for t in candidates if t.family().all_links), None)
+    if links is None or judge.evidence.problem.links_identified or has_all_links(model):
+        return judge, []
+    robot = judge.evidence.robot
+    own = {robot.joint_names[j] for t in model if covers(links, t) for j in t.family().joints_of(robot, t)}
+    rest = tuple(name for name in links.options[LINKS] if name not in own)
+    held = judge.evidence.held(list(model), physical=True)
+    if not rest or not judge.mostly_left(held):
+        return judge, []
+    best, out = held, []
+    for share in LINKS_WITHIN:
+        near = replace(links, settings=tuple(sorted({**links.options, LINKS: rest, HELD: share}.items())))
+        there = judge.adding([near])
+        after = there.evidence.held([*model, near], physical=True)
+        # No name: what shows of a gain is enough, as for all that every arm has.
+        if after.score < best.score and there.gain(after, held).surer_than(1.0) and there.spares(after, held):
+            best, out = after, [near]
+    return judge.adding(out), out
 
 
 def plain_beside(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:

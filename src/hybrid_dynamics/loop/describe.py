@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects.inertial_parameters import LINKS
 from hybrid_dynamics.effects.together import added_up
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.loop.alternatives import indistinguishable
@@ -246,8 +247,11 @@ def _estimated(why: str, effects: Sequence[Effect], slides: Sequence[str]) -> li
     told = [
         f"{e.effect} of {e.joints[0]} {value:.3g} +- {e.std_errors[name]:.2g} {unit_of(e, name, slides)}"
         for e in effects
+        if e.joints
         for name, value in e.parameters.items()
     ]
+    # Ten numbers a link are no line of text; they are in the model.
+    told += [f"{e.effect} of {', '.join(e.settings[LINKS])}" for e in effects if family(e.effect).all_links]
     return [f"estimated {why}, and no finding: {'; '.join(told)}"] if told else []
 
 

@@ -1,0 +1,111 @@
+"""Links that are off by too little to be named are estimated near what they are said to be, told, and no finding."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.small_arm import arm
+
+from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects.base import HELD
+from hybrid_dynamics.effects.inertial_parameters import LINKS
+from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.beside import LINKS_WITHIN, all_beside
+from hybrid_dynamics.loop.describe import _estimated
+from hybrid_dynamics.loop.diagnosis import errors_of
+from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.model import load_model
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.simulation.excitation import excitations
+
+ROBOT = arm()
+SHOULDER, ELBOW = ROBOT.joint_names
+FRICTION = [Effect("coulomb_friction", (name,), {"coulomb_torque": 0.8}) for name in ROBOT.joint_names]
+
+
+def links(share: float) -> Effect:
+    """All links heavier by ``share``."""
+    (term,) = family("inertial_parameters").terms(ROBOT, np.ones(2, bool), {})
+    inertias = [ROBOT.model.inertias[i].toDynamicParameters() for i in ROBOT.joint_ids]
+    values = term.family().parameters_of(share * np.concatenate(inertias), ROBOT, term)
+    return Effect("inertial_parameters", (), values, dict(term.settings))
+
+
+def judged(effects: list[Effect], base: Model | None = None) -> tuple[Judge, list[Term], list[Run], list[Term]]:
+    """Evidence of a short run, candidates, a test run, and the friction that is named."""
+    settings = LoopSettings()
+    train, test = excitations(ROBOT, effects, train=1, test=1, duration=8.0, rate=250.0)
+    logs = read_motion(ROBOT, train, test, settings)
+    judge, candidates, _ = gather(base or Model(ROBOT), logs, settings)
+    named = [next(t for t in candidates if t.effect == "coulomb_friction" and t.joint == j) for j in range(2)]
+    return judge.at(named), candidates, logs.test, named
+
+
+def held_links(terms: list[Term]) -> list[Term]:
+    return [t for t in terms if t.family().all_links]
+
+
+def test_links_that_are_off_stand_beside_the_names() -> None:
+    judge, candidates, test, named = judged([links(0.15), *FRICTION])
+    there, beside = all_beside(judge, named, candidates)
+    (near,) = held_links(beside)
+    assert near.options[HELD] in LINKS_WITHIN
+    assert near.options[LINKS] == (SHOULDER, ELBOW)
+    # A share of what is plausible of each number, and not one number for all.
+    plausible = family("inertial_parameters").prior_scale(ROBOT, near.as_finding)
+    np.testing.assert_allclose(near.prior_scale(ROBOT), near.options[HELD] * plausible)
+
+    fitted = refit(there.evidence, [*named, *beside])
+    found = Found(named, fitted.x, [], [], [], there.over(fitted.evidence), there.evidence.base, beside)
+    model = found.model(named)
+    assert [e.effect for e in model.effects if e.is_finding] == ["coulomb_friction", "coulomb_friction"]
+    bare = refit(judge.evidence, named).model()
+    assert np.all(errors_of(model, test)["rmse"] < 0.2 * np.array(errors_of(bare, test)["rmse"]))
+    own = [e for e in model.effects if not e.is_finding]
+    (line,) = _estimated("beside", own, [])
+    assert f"inertial_parameters of {SHOULDER}, {ELBOW}" in line
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        pytest.param(FRICTION, id="nothing is left"),
+        pytest.param(
+            [*FRICTION, *(Effect("torque_offset", (name,), {"offset": 1.0}) for name in ROBOT.joint_names)],
+            id="what is left is no weight",
+        ),
+    ],
+)
+def test_links_that_are_right_are_left_alone(hidden: list[Effect]) -> None:
+    judge, candidates, _, named = judged(hidden)
+    assert held_links(all_beside(judge, named, candidates)[1]) == []
+
+
+def test_a_link_that_is_named_is_not_estimated_again() -> None:
+    judge, candidates, _, named = judged([links(0.15), *FRICTION])
+    mass = Term("link_mass", 0)
+    judge = judge.adding([mass]).at([*named, mass])
+    (near,) = held_links(all_beside(judge, [*named, mass], candidates)[1])
+    assert near.options[LINKS] == (ELBOW,)
+    every = held_links(candidates)
+    assert held_links(all_beside(judge.at([*named, *every]), [*named, *every], candidates)[1]) == []
+
+
+def test_links_of_a_starting_model_stay_and_without_names_nothing_is_estimated() -> None:
+    judge, candidates, _, named = judged([links(0.15), *FRICTION], Model(ROBOT, (links(0.05),)))
+    assert held_links(all_beside(judge, named, candidates)[1]) == []
+    judge, candidates, _, _ = judged([links(0.15), *FRICTION])
+    assert all_beside(judge, [], candidates)[1] == []
+
+
+def test_the_model_is_read_again_as_it_was_written(tmp_path: Path) -> None:
+    effect = Effect("inertial_parameters", (), links(0.1).parameters, {**links(0.1).settings, HELD: 0.5})
+    Model(ROBOT, (effect,)).save(tmp_path / "model.json")
+    (again,) = load_model(tmp_path / "model.json", ROBOT).effects
+    assert not again.is_finding
+    assert again.parameters == pytest.approx(effect.parameters)
