@@ -205,6 +205,16 @@ def test_one_cause_that_could_stand_for_several_names_is_told_once():
     assert sum("told apart" in line for line in details(value)) == 2
 
 
+def test_two_doubts_of_one_kind_about_the_whole_robot_are_told_without_a_joint():
+    value = diagnosis()
+    effect = value.pop("effect")
+    links = [{"effect": "inertial_parameters", "joints": []}]
+    why = [{"effects": links, "why": w, "motion_that_would_tell": "Weigh."} for w in ("the same", "as good")]
+    value["effects"] = [effect("torque_gain", [], ("gain", 1.1, "-")) | {"indistinguishable_from": why}]
+    told = [line for line in details(value) if "told apart" in line]
+    assert told == ["cannot be told apart: torque gain and inertial parameters; what would tell: weigh"]
+
+
 def test_the_same_doubt_on_several_joints_is_one_line():
     value = diagnosis()
     effect = value.pop("effect")

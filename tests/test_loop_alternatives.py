@@ -209,6 +209,22 @@ def test_one_gain_of_all_joints_is_listed_where_all_links_and_one_joint_are_name
         assert together is (gain > 1)
 
 
+def test_what_is_structurally_the_same_is_told_once_and_not_again_as_one_that_predicts_as_well(arm):
+    runs = [swing(arm, 1.0, seed, effects=()) for seed in range(4)]
+    runs = [run.with_signals(tau=1.05 * run["tau"]) for run in runs]
+    settings = LoopSettings()
+    judge, candidates, _ = gather(Model(arm), read_motion(arm, runs[:3], runs[3:], settings), settings)
+    gain = Term("torque_gain", None)
+    judge = judge.adding([gain]).at([gain])
+    listed = indistinguishable(judge, [gain], candidates)[gain]
+    links = [o["why"] for o in listed if o["effects"] == [{"effect": "inertial_parameters", "joints": []}]]
+    assert len(links) == 1
+    assert links[0].startswith("structurally the same")
+    # Control: without them among the candidates it is the same one, not found but declared.
+    fewer = [c for c in candidates if c.effect != "inertial_parameters"]
+    assert links == [o["why"] for o in indistinguishable(judge, [gain], fewer)[gain] if "structurally" in o["why"]]
+
+
 @pytest.mark.parametrize(("pace", "alike"), [(0.1, True), (1.0, False)])
 def test_of_a_links_numbers_those_that_look_like_a_spring_are_listed_too(arm, pace, alike):
     """In slow motion a first moment is a spring on a crank; ten numbers of the link say less than its three."""

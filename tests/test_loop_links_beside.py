@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from hybrid_dynamics.loop.beside import LINKS_WITHIN, all_beside
 from hybrid_dynamics.loop.describe import _estimated
 from hybrid_dynamics.loop.diagnosis import errors_of
 from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.known import with_links
 from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import Run
@@ -46,27 +48,36 @@ def judged(effects: list[Effect], base: Model | None = None) -> tuple[Judge, lis
     return judge.at(named), candidates, logs.test, named
 
 
+def beside(judge: Judge, names: list[Term], candidates: list[Term]) -> tuple[Judge, list[Term]]:
+    """What stands beside ``names``, and the judge there; the names stay."""
+    judge, plain = all_beside(judge, names, candidates)
+    there, kept, out = with_links(judge, names, plain, candidates, ())
+    assert kept == names
+    return there, out
+
+
 def held_links(terms: list[Term]) -> list[Term]:
     return [t for t in terms if t.family().all_links]
 
 
 def test_links_that_are_off_stand_beside_the_names() -> None:
     judge, candidates, test, named = judged([links(0.15), *FRICTION])
-    there, beside = all_beside(judge, named, candidates)
-    (near,) = held_links(beside)
+    there, estimated = beside(judge, named, candidates)
+    (near,) = held_links(estimated)
     assert near.options[HELD] in LINKS_WITHIN
     assert near.options[LINKS] == (SHOULDER, ELBOW)
     # A share of what is plausible of each number, and not one number for all.
     plausible = family("inertial_parameters").prior_scale(ROBOT, near.as_finding)
     np.testing.assert_allclose(near.prior_scale(ROBOT), near.options[HELD] * plausible)
 
-    fitted = refit(there.evidence, [*named, *beside])
-    found = Found(named, fitted.x, [], [], [], there.over(fitted.evidence), there.evidence.base, beside)
+    fitted = refit(there.evidence, [*named, *estimated])
+    found = Found(named, fitted.x, [], [], [], there.over(fitted.evidence), there.evidence.base, estimated)
     model = found.model(named)
     assert [e.effect for e in model.effects if e.is_finding] == ["coulomb_friction", "coulomb_friction"]
     bare = refit(judge.evidence, named).model()
     assert np.all(errors_of(model, test)["rmse"] < 0.2 * np.array(errors_of(bare, test)["rmse"]))
     own = [e for e in model.effects if not e.is_finding]
+    assert "inertial_parameters" in [e.effect for e in own]
     (line,) = _estimated("beside", own, [])
     assert f"inertial_parameters of {SHOULDER}, {ELBOW}" in line
 
@@ -83,24 +94,37 @@ def test_links_that_are_off_stand_beside_the_names() -> None:
 )
 def test_links_that_are_right_are_left_alone(hidden: list[Effect]) -> None:
     judge, candidates, _, named = judged(hidden)
-    assert held_links(all_beside(judge, named, candidates)[1]) == []
+    assert held_links(beside(judge, named, candidates)[1]) == []
 
 
 def test_a_link_that_is_named_is_not_estimated_again() -> None:
     judge, candidates, _, named = judged([links(0.15), *FRICTION])
     mass = Term("link_mass", 0)
     judge = judge.adding([mass]).at([*named, mass])
-    (near,) = held_links(all_beside(judge, [*named, mass], candidates)[1])
+    (near,) = held_links(beside(judge, [*named, mass], candidates)[1])
     assert near.options[LINKS] == (ELBOW,)
     every = held_links(candidates)
-    assert held_links(all_beside(judge.at([*named, *every]), [*named, *every], candidates)[1]) == []
+    assert held_links(beside(judge.at([*named, *every]), [*named, *every], candidates)[1]) == []
+
+
+def test_links_that_would_leave_nothing_known_of_a_name_stay_away() -> None:
+    """All links heavier by as much, and the shoulder's torque read too large: a gain looks like them."""
+    judge, candidates, _, named = judged([links(0.15), *FRICTION])
+    gain = Term("torque_gain", None)
+    judge = judge.adding([gain]).at([*named, gain])
+    # Nothing else is off, so what the gain leaves is little; at another floor something is left to find.
+    assert held_links(beside(judge, [*named, gain], candidates)[1]) == []
+    lower = replace(judge, floor=1e-3 * judge.floor)
+    assert held_links(beside(lower, [*named, gain], candidates)[1]) == []
+    # Control: without the gain among the names they come in.
+    assert held_links(beside(replace(judge.at(named), floor=lower.floor), named, candidates)[1])
 
 
 def test_links_of_a_starting_model_stay_and_without_names_nothing_is_estimated() -> None:
     judge, candidates, _, named = judged([links(0.15), *FRICTION], Model(ROBOT, (links(0.05),)))
-    assert held_links(all_beside(judge, named, candidates)[1]) == []
+    assert held_links(beside(judge, named, candidates)[1]) == []
     judge, candidates, _, _ = judged([links(0.15), *FRICTION])
-    assert all_beside(judge, [], candidates)[1] == []
+    assert beside(judge, [], candidates)[1] == []
 
 
 def test_the_model_is_read_again_as_it_was_written(tmp_path: Path) -> None:

@@ -191,8 +191,9 @@ def _alike(effects: Sequence[Entry]) -> list[str]:
             continue
         names = " and ".join(title_of(e["effect"]) for e in other["effects"])
         why = f": {other['why']}" if len({o["why"] for _, o in pairs}) == 1 else ""
-        where = ", ".join(e["joints"][0] for e, _ in pairs)
-        out.append(f"cannot be told apart: {title_of(entry['effect'])} and {names} on {where}{why}{tell}")
+        where = list(dict.fromkeys(joint for e, _ in pairs for joint in e["joints"]))
+        on = f" on {', '.join(where)}" if where else ""
+        out.append(f"cannot be told apart: {title_of(entry['effect'])} and {names}{on}{why}{tell}")
     return out
 
 

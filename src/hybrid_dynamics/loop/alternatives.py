@@ -91,7 +91,8 @@ def indistinguishable(
         if (twin := term.family().twin(term, evidence.robot)) is not None:
             own = _declared(term, twin.effect)
             why = f"structurally the same: {own.why}"
-            listed.insert(0, _as_declared(evidence, twin.effect, twin.joint, why, own))
+            same = _as_declared(evidence, twin.effect, twin.joint, why, own)
+            listed = [same, *(entry for entry in listed if _key(entry) != _key(same))]
         listed += [e for e in _with_unseen_rest(judge, terms, term) if all(_key(e) != _key(other) for other in listed)]
         gain = gain_instead(judge, terms, x) if term.family().all_links else None
         # A gain that stands for these and others together is told already.

@@ -45,9 +45,6 @@ def all_beside(
     judge, beside = beside_links(judge, chosen)
     judge, guessed = beside_names(judge, [*chosen, *beside], candidates, unsure)
     unnamed = [*beside, *guessed]
-    if chosen:
-        judge, links = _links_too(judge, [*chosen, *unnamed], candidates)
-        unnamed += links
     lost = balanced(judge, [*chosen, *unnamed], unnamed)
     return judge, [t for t in unnamed if t not in lost]
 
@@ -66,7 +63,7 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
     return _held(judge, alike)
 
 
-def _links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+def links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """The links of which ``model`` has no body, held near the starting model's, where something is left to find on most
     joints and held-out rows show that they are off, on no joint the other way; and the judge who has their columns.
 

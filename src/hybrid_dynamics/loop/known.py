@@ -15,7 +15,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.beside import all_beside
+from hybrid_dynamics.loop.beside import all_beside, links_too
 from hybrid_dynamics.loop.further import plainer_forms
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.weighing import as_left
@@ -45,10 +45,29 @@ def known_and_beside(
         asked = {t: e for t, e in zip(names, effects, strict=True) if t not in fixed}
         least = unknown(asked, judge.evidence.robot)
         if least is None:
-            return judge, names, beside
+            return with_links(judge, names, beside, candidates, fixed)
         names.remove(least)
         if least.family().everywhere:
             unsure.append(least)
+
+
+def with_links(
+    judge: Judge, names: Sequence[Term], beside: Sequence[Term], candidates: Sequence[Term], fixed: Collection[Term]
+) -> tuple[Judge, list[Term], list[Term]]:
+    """:func:`known_and_beside` of settled ``names``, with the links beside them where these are off (:mod:`.beside`):
+    unless of a name nothing would be known any more. A gain, a tilt or a spring can look like links, and was asked
+    for by its own gain."""
+    names, beside = list(names), list(beside)
+    if not names:
+        return judge, names, beside
+    there, links = links_too(judge, [*names, *beside], candidates)
+    if links:
+        there = as_left(there, [*names, *beside, *links])
+        there, effects = _published(there, names, [*beside, *links])
+        own = zip(names, effects, strict=True)
+        if unknown({t: e for t, e in own if t not in fixed}, there.evidence.robot) is None:
+            return there, names, [*beside, *links]
+    return judge, names, beside
 
 
 def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:
