@@ -60,7 +60,7 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
     moving = np.flatnonzero(judge.evidence.samples >= FEWEST_ROWS)
     names = [name for name in judge.settings.families if family(name).like_weight]
     alike = [Term(name, int(j)) for name in names for j in moving if not _makes(chosen, name, int(j))]
-    return _held(judge, alike)
+    return held_near(judge, alike)
 
 
 def links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -97,7 +97,7 @@ def plain_beside(judge: Judge, current: Sequence[Term], candidates: Sequence[Ter
     it is there."""
     left = judge.above_floor(judge.evidence.held(list(current), physical=True))
     plain = on_every_joint(candidates)
-    return _held(judge, [t for t in plain if left[t.index] and not _makes(current, t.effect, t.index)])
+    return held_near(judge, [t for t in plain if left[t.index] and not _makes(current, t.effect, t.index)])
 
 
 def beside_names(
@@ -116,7 +116,7 @@ def beside_names(
         return judge, []
     plain = on_every_joint(candidates)
     left = judge.above_floor(judge.evidence.held(current, physical=True))
-    judge, group = _held(judge, [t for t in unsure if left[t.index] and not _makes(current, t.effect, t.index)])
+    judge, group = held_near(judge, [t for t in unsure if left[t.index] and not _makes(current, t.effect, t.index)])
     if len(group) > 1 and _missed(judge, current, group):
         current += group
     held = judge.evidence.held(current, physical=True)
@@ -125,7 +125,7 @@ def beside_names(
         return judge, [*current, *rest][len(model) :]
     for joint in np.flatnonzero(judge.above_floor(held)):
         missing = [t for t in plain if t.joint == joint and not has_family(current, t.effect, int(joint))]
-        judge, free = _held(judge, missing)
+        judge, free = held_near(judge, missing)
         while free:
             best = min(free, key=lambda t: (judge.evidence.held([*current, t]).score, repr(t)))
             if not _missed(judge, current, [best]):
@@ -182,7 +182,7 @@ def _makes(chosen: Sequence[Term], name: str, joint: int) -> bool:
     return has_family(chosen, name, joint) or any(name in effects for effects in together)
 
 
-def _held(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
+def held_near(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """``terms`` of one coefficient, held within what makes :data:`EXPECTED` of their joint's torque; and the judge who
     has their columns. None of a joint without torque."""
     judge = judge.adding(terms)

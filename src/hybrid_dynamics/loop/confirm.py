@@ -175,7 +175,7 @@ def _filled(
     unsure = [t.as_finding for t in found.beside if not t.family().like_weight]
     judge, beside = all_beside(judge.at(kept), kept, offered, unsure)
     beside = [t for t in beside if not any(same_place(t.as_finding, r) for r in refused)]
-    judge, _, beside = known.with_links(judge, kept, beside, offered, ())
+    judge, _, beside = known.with_links(judge, kept, beside, offered, kept)
     other = replace(found, terms=list(kept), judge=judge, beside=beside).model(kept)
     # Of these nobody was sure: what shows of a loss is enough.
     ends = [test_change(judge, tests, m, base, 1).per_joint > WORSE for m in (other, model)]

@@ -15,7 +15,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.beside import all_beside, links_too
+from hybrid_dynamics.loop.beside import all_beside, held_near, links_too
 from hybrid_dynamics.loop.further import plainer_forms
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.weighing import as_left
@@ -54,20 +54,26 @@ def known_and_beside(
 def with_links(
     judge: Judge, names: Sequence[Term], beside: Sequence[Term], candidates: Sequence[Term], fixed: Collection[Term]
 ) -> tuple[Judge, list[Term], list[Term]]:
-    """:func:`known_and_beside` of settled ``names``, with the links beside them where these are off (:mod:`.beside`):
-    unless of a name nothing would be known any more. A gain, a tilt or a spring can look like links, and was asked
-    for by its own gain."""
-    names, beside = list(names), list(beside)
-    if not names:
-        return judge, names, beside
-    there, links = links_too(judge, [*names, *beside], candidates)
-    if links:
-        there = as_left(there, [*names, *beside, *links])
-        there, effects = _published(there, names, [*beside, *links])
-        own = zip(names, effects, strict=True)
-        if unknown({t: e for t, e in own if t not in fixed}, there.evidence.robot) is None:
-            return there, names, [*beside, *links]
-    return judge, names, beside
+    """:func:`known_and_beside` of settled ``names``, with the links beside them where these are off (:mod:`.beside`).
+
+    Friction and an offset of which nothing is known then are estimated beside the names, too. Where that would be so of
+    another name the links stay away: a gain, a tilt or a spring can look like links, and was asked for by its own gain.
+    """
+    kept, plain = list(names), list(beside)
+    there, links = links_too(judge, [*kept, *plain], candidates) if kept else (judge, [])
+    while links and kept:
+        there = as_left(there, [*kept, *plain, *links])
+        there, effects = _published(there, kept, [*plain, *links])
+        own = zip(kept, effects, strict=True)
+        least = unknown({t: e for t, e in own if t not in fixed}, there.evidence.robot)
+        if least is None:
+            return there, kept, [*plain, *links]
+        if not least.family().everywhere:
+            break
+        kept.remove(least)
+        there, held = held_near(there, [least])
+        plain += held
+    return judge, list(names), list(beside)
 
 
 def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:
