@@ -256,6 +256,22 @@ def test_a_late_velocity_is_left_out_and_told(run):
     assert "dq" in checked(arm(), [moved], []).train[0]
 
 
+@pytest.mark.parametrize(("seconds", "late", "refused"), [(2.0, 0.0, 0), (10.0, 0.12, 20)])
+def test_two_seconds_of_steady_motion_do_not_say_when_the_velocity_was_taken(seconds: float, late: float, refused: int):
+    """Of 50 Hz, sampled when the bus had time, as a recorded arm was: shifted by a while they look like themselves."""
+    found = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        time = np.arange(round(seconds * 50)) / 50
+        taken, phase = time + rng.uniform(-0.006, 0.006, len(time)), rng.uniform(0, 2 * np.pi, (3, 4))
+        rates = 2 * np.pi * np.array([0.07, 0.1, 0.13])
+        q = sum(0.4 * np.sin(w * taken[:, None] + p) for w, p in zip(rates, phase, strict=True))
+        dq = sum(0.4 * w * np.cos(w * (taken[:, None] - late) + p) for w, p in zip(rates, phase, strict=True))
+        run = Trajectory("run", "train", time, {"q": q, "dq": np.round(dq, 3)})
+        found += ("hard", "dq_lag") in codes(check_velocity(tuple("abcd"), [run]))
+    assert found == refused
+
+
 @pytest.mark.parametrize("rests_from", [0.62, 0.7])
 def test_a_joint_that_rests_says_nothing_of_when_the_velocity_was_taken(rests_from: float):
     """One joint moves to and fro; the other has ended its only move by then: of its last crawl noise had the say."""

@@ -21,6 +21,9 @@ SPEED, RANGE = 0.02, 0.03
 SLOPE, ALIKE, UNLIKE = 0.2, 0.95, 0.6
 #: Lags [s] that are told and refused, and the longest that is looked for.
 LAG_TOLD, LAG_REFUSED, LONGEST = 0.01, 0.08, 0.5
+#: What is refused must leave so many times less of dq than no lag does: two seconds of steady motion look like
+#: themselves a moment later.
+PLAIN = 3.0
 
 
 def check_velocity(joint_names: Sequence[str], runs: Sequence[Trajectory]) -> list[Finding]:
@@ -170,7 +173,8 @@ def _scale(names: Sequence[str], size: Array, judged: NDArray[np.bool_]) -> list
 
 
 def _lag(pairs: Sequence[tuple[Array, Array, float]]) -> float:
-    """Seconds by which dq is late: the shift under which it is most alike; zero where none makes it alike."""
+    """Seconds by which dq is late: the shift under which it is most alike; zero where none makes it alike, or not much
+    more alike than none at all."""
     weighted, total = 0.0, 0.0
     # Joints count alike, but by what they move in a run's window: of one that rests there noise has the say.
     scale = [np.maximum(np.concatenate([pair[k] for pair in pairs]).std(axis=0), 1e-300) for k in (0, 1)]
@@ -193,6 +197,9 @@ def _lag(pairs: Sequence[tuple[Array, Array, float]]) -> float:
         left, mid, right = alike[best - 1 : best + 2]
         bend = float(left - 2 * mid + right)
         shift = best - reach + (0.5 * float(left - right) / bend if bend < 0 else 0.0)
+        unlike = 1.0 - alike**2
+        if abs(shift) * dt >= LAG_REFUSED and unlike[reach] < PLAIN * unlike[best]:
+            continue
         weight = len(v) * dt
         weighted, total = weighted + weight * shift * dt, total + weight
     return weighted / total if total else 0.0
