@@ -47,6 +47,17 @@ def run(*arguments: object) -> int:
     return int(stop.value.code or 0)
 
 
+def test_the_package_runs_as_a_module_where_the_program_is_not_on_the_path():
+    def said(*command: str) -> tuple[int, str]:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        return done.returncode, done.stdout + done.stderr
+
+    module, program = (sys.executable, "-m", "hybrid_dynamics"), str(Path(sys.executable).parent / "hybrid-dynamics")
+    for arguments in (("--version",), ("check", "--robot", "missing.urdf", "--data", "missing.csv")):
+        assert said(*module, *arguments) == said(program, *arguments)
+    assert said(*module, "check", "--robot", "missing.urdf", "--data", "missing.csv")[0] == 2
+
+
 def test_help_and_version_come_without_the_libraries():
     """What answers at once must not load what takes seconds."""
     code = "import sys; from hybrid_dynamics.cli import build_parser; build_parser(); print(*sys.modules)"
