@@ -12,10 +12,12 @@ from tests.small_arm import arm
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.effects.inertial_parameters import LINKS
+from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import LINKS_WITHIN, all_beside
-from hybrid_dynamics.loop.describe import _estimated
+from hybrid_dynamics.loop.confirm import confirm
+from hybrid_dynamics.loop.describe import _beside, _estimated
 from hybrid_dynamics.loop.diagnosis import errors_of
 from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.known import with_links
@@ -125,6 +127,44 @@ def test_links_of_a_starting_model_stay_and_without_names_nothing_is_estimated()
     assert held_links(beside(judge, named, candidates)[1]) == []
     judge, candidates, _, _ = judged([links(0.15), *FRICTION])
     assert beside(judge, [], candidates)[1] == []
+
+
+@pytest.mark.parametrize(("torque", "refused"), [(0.8, []), (0.1, ["elbow"])])
+def test_a_name_that_the_test_runs_contradict_goes_and_the_links_stay(torque: float, refused: list[str]) -> None:
+    """The elbow rubs less in the test run: its friction goes, the shoulder's and what stands beside it do not."""
+    judge, candidates, _, named = judged([links(0.15), *FRICTION])
+    there, estimated = beside(judge, named, candidates)
+    fitted = refit(there.evidence, [*named, *estimated])
+    found = Found(named, fitted.x, [], [], [], there.over(fitted.evidence), there.evidence.base, estimated)
+    changed = [links(0.15), FRICTION[0], Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": torque})]
+    _, test = excitations(ROBOT, changed, train=0, test=1, duration=8.0, rate=250.0)
+    train, _ = excitations(ROBOT, changed, train=1, test=0, duration=8.0, rate=250.0)
+    tests = read_motion(ROBOT, train, test, LoopSettings()).test
+    told = confirm(found.judge, Model(ROBOT), found.model(named), found, tests, candidates)
+    assert [ROBOT.joint_names[t.index] for t in told.refused] == refused
+    assert any(e.effect == "inertial_parameters" and not e.is_finding for e in told.model.effects)
+
+
+def test_links_that_are_held_are_no_links_that_are_named() -> None:
+    held = Effect("inertial_parameters", (), links(0.1).parameters, {**links(0.1).settings, HELD: 0.5})
+    offset = Effect("torque_offset", (ELBOW,), {"offset": 0.1}, {HELD: 0.2})
+    assert _beside([held, offset]) == ([held, offset], [])
+    assert _beside([links(0.1), offset]) == ([], [offset])
+    judge, _, _, _ = judged(FRICTION, Model(ROBOT, (held,)))
+    assert not judge.evidence.problem.links_identified
+
+
+def test_what_is_held_and_what_is_named_stand_at_one_place(tmp_path: Path) -> None:
+    """Friction of 1.5 N m was guessed, and .7 of it is gone: .8 N m in all are friction; 2 of it gone are not."""
+    held = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 1.5}, {HELD: 2.0})
+    for gone, readable in ((0.7, True), (2.0, False)):
+        less = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": -gone})
+        Model(ROBOT, (held, less)).save(tmp_path / f"{gone}.json")
+        if readable:
+            assert len(load_model(tmp_path / f"{gone}.json", ROBOT).effects) == 2
+        else:
+            with pytest.raises(InputError, match="expected >= 0"):
+                load_model(tmp_path / f"{gone}.json", ROBOT)
 
 
 def test_the_model_is_read_again_as_it_was_written(tmp_path: Path) -> None:

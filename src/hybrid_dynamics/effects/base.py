@@ -36,7 +36,7 @@ ONLY_RUN = "only_run"
 #: Setting of an effect that acts for a while only: pairs (start, end) [s since the run began].
 INTERVALS = "intervals"
 #: Setting of an effect that is estimated beside others and is no finding: the size that its parameter is expected
-#: within.
+#: within; of bodies the share of what is plausible of each of their numbers.
 HELD = "held_within"
 
 

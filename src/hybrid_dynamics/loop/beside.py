@@ -68,13 +68,13 @@ def links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -
     joints and held-out rows show that they are off, on no joint the other way; and the judge who has their columns.
 
     What the links are off by is too little, or too alike to something else, to be a name: too short a log. A model that
-    leaves the links as they are said to be is wrong by all of it. Those of a starting model that were identified
-    already are left as they are: links do not change.
+    leaves the links as they are said to be is wrong by all of it. Those that a starting model has found or guessed are
+    left as they are: links do not change.
     """
     links = next((t for t in candidates if t.family().all_links), None)
-    if links is None or judge.evidence.problem.links_identified or has_all_links(model):
+    robot, started = judge.evidence.robot, judge.evidence.base.effects
+    if links is None or has_all_links(model) or any(family(e.effect).all_links for e in started):
         return judge, []
-    robot = judge.evidence.robot
     own = {robot.joint_names[j] for t in model if covers(links, t) for j in t.family().joints_of(robot, t)}
     rest = tuple(name for name in links.options[LINKS] if name not in own)
     held = judge.evidence.held(list(model), physical=True)

@@ -22,7 +22,7 @@ from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.held_still import asks_too_much
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
-from hybrid_dynamics.loop.trace import PRACTICAL, Judge, difference_error, same_place
+from hybrid_dynamics.loop.trace import PRACTICAL, Judge, covers, difference_error, same_place
 from hybrid_dynamics.types import Array
 
 #: A joint ends worse than it began where its mean square grows by more than this share, and than so many of its
@@ -171,8 +171,11 @@ def _filled(
     if found.inconsistent or not kept:
         return model
     refused = [t for t in found.terms if t not in kept]
-    offered = [c for c in candidates if not any(same_place(c, r) for r in refused)]
-    unsure = [t.as_finding for t in found.beside if not t.family().like_weight]
+    # Links that a refused body is one of are not guessed in its place.
+    offered = [
+        c for c in candidates if not any(same_place(c, r) or (covers(c, r) and c.family().all_links) for r in refused)
+    ]
+    unsure = [t.as_finding for t in found.beside if t.joint is not None and not t.family().like_weight]
     judge, beside = all_beside(judge.at(kept), kept, offered, unsure)
     beside = [t for t in beside if not any(same_place(t.as_finding, r) for r in refused)]
     judge, _, beside = known.with_links(judge, kept, beside, offered, kept)

@@ -237,7 +237,7 @@ def _why_not(
 
 def _beside(added: Sequence[Effect]) -> tuple[list[Effect], list[Effect]]:
     """Of what is no finding, what is too unsure to be named, and what the links, if these are named, can look like."""
-    links = any(family(e.effect).all_links for e in added)
+    links = any(family(e.effect).all_links and e.is_finding for e in added)
     alike = [e for e in added if not e.is_finding and links and family(e.effect).like_weight]
     return [e for e in added if not e.is_finding and e not in alike], alike
 

@@ -390,7 +390,8 @@ def _check_physics(model: Model) -> None:
                 )
     sums: dict[Term, Array] = {}
     for term, own in model._places():
-        sums[term] = sums.get(term, np.zeros(len(own))) + own
+        # What is estimated beside the names (held) and what is named stand at one place.
+        sums[term.as_finding] = sums.get(term.as_finding, np.zeros(len(own))) + own
     for term, total in sums.items():
         kind = term.family()
         if np.any(total < kind.lower_bounds(model.robot, term) - 1e-9):

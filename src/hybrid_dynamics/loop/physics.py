@@ -24,8 +24,9 @@ from hybrid_dynamics.types import Array
 #: Shares of a joint's fastest speed at which its viscous terms, or all its friction once warm, must oppose the motion.
 _SPEEDS = np.linspace(0.1, 1.0, 10)
 #: Beyond that speed all friction of a joint with a curve must oppose the motion up to the speed the URDF allows, at
-#: these shares. A limit above :data:`BELIEVABLE` [rad/s, m/s] is a place-holder: so many times the fastest then.
-BEYOND, BELIEVABLE, _BETWEEN = 2.0, 10.0, np.linspace(0.25, 1.0, 4)
+#: these shares; at most :data:`FAR` times the fastest of the logs, since a curve through these is no curve of all
+#: speeds. A limit from :data:`BELIEVABLE` [rad/s, m/s] on is a place-holder: :data:`BEYOND` times the fastest then.
+FAR, BEYOND, BELIEVABLE, _BETWEEN = 4.0, 2.0, 10.0, np.linspace(0.25, 1.0, 4)
 
 
 def physical_constraints(
@@ -72,15 +73,14 @@ def physical_constraints(
         for speed in speeds:
             oppose(joint, np.array([speed]), _is_lasting, brakes)
             rows[-1] = -rows[-1]
-            # A starting model that asks for more already must not ask for more still.
-            least[-1] = min(started(joint, speed, _is_lasting, brakes) - most, 0.0)
+            least[-1] = started(joint, speed, _is_lasting, brakes) - most
 
     def brakes(term: Term, speed: float) -> Array:
         return _brakes(term, robot, speed)
 
     reach = speeds_to_oppose(robot, fastest)
-    # A rated torque that the logs exceed is not one; zero is none.
-    rated = np.where(robot.effort_limits > 0, np.maximum(robot.effort_limits, strongest), np.inf)
+    # A rated torque that the logs exceed is not one; nor is zero.
+    rated = np.where(robot.effort_limits > strongest, robot.effort_limits, np.inf)
     both = np.array([[-1.0], [1.0]])
     # Also where only the starting model is curved: less of a viscous term could let the rest drive.
     for j in _joints(terms, base, _is_viscous, lambda s: s.family().viscous_powers != (1,)):
@@ -89,8 +89,10 @@ def physical_constraints(
         # A starting model that drives where these logs do not reach, or was made on slower ones, says nothing there.
         if reach[j] > fastest[j] and all(started(j, speed, _is_lasting, brakes) >= 0 for speed in beyond):
             oppose(j, beyond, _is_lasting, brakes)
-        if np.isfinite(rated[j]):
-            moves(j, np.ravel(both * reach[j]), rated[j])
+        ends = np.ravel(both * reach[j])
+        # Nor does one that asks for more than there is, as it was made on slower logs, too.
+        if all(started(j, speed, _is_lasting, brakes) <= rated[j] < np.inf for speed in ends):
+            moves(j, ends, rated[j])
     for j in _joints(terms, base, _is_lasting, lambda s: s.family().follows_time):
         oppose(j, np.ravel(both * _SPEEDS * fastest[j]), _is_lasting, brakes)
     return Constraints(lower, tuple(bodies), np.array(rows).reshape(len(least), total), np.array(least))
@@ -102,7 +104,8 @@ def speeds_to_oppose(robot: Robot, fastest: Array) -> Array:
     A joint will move faster than in these logs, and a curve that fits them need not care what comes after.
     """
     limit = robot.velocity_limits
-    return np.maximum(fastest, np.where((limit > 0) & (limit <= BELIEVABLE), limit, BEYOND * fastest))
+    believed = (limit > 0) & (limit < BELIEVABLE)
+    return np.maximum(fastest, np.where(believed, np.minimum(limit, FAR * fastest), BEYOND * fastest))
 
 
 def _per_speed(term: Term, speed: float) -> Array:

@@ -101,8 +101,8 @@ class Problem:
 
     @cached_property
     def links_identified(self) -> bool:
-        """True where the starting model has all links' parameters."""
-        return any(family(effect.effect).all_links for effect in self.base.effects)
+        """True where the starting model has all links' parameters as a finding, and no guess beside one."""
+        return any(family(effect.effect).all_links and effect.is_finding for effect in self.base.effects)
 
     # -- torques of a model -----------------------------------------------------------------------------------------
     def left(self, effects: Sequence[Effect]) -> tuple[Array, ...]:
