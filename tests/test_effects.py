@@ -12,6 +12,7 @@ from tests.small_arm import arm
 
 from hybrid_dynamics.effects import Effect, Motion, catalogue, family, predict, with_effects
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, is_physical, link_parameters, to_body, to_dynamic
+from hybrid_dynamics.effects.state import State
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.loop.model import effect_from_json, effect_to_json
 from hybrid_dynamics.robots import Robot, find_description
@@ -244,3 +245,34 @@ def test_the_error_of_a_parameter_is_told_in_shares_of_the_largest_of_its_unit()
     assert error == pytest.approx({"coulomb_torque": 0.05, "static_torque": 0.25, "stribeck_velocity": 0.2})
     nothing = Effect("torque_offset", ("j",), {"offset": 0.0})
     assert family("torque_offset").parameter_error(nothing, nothing, arm()) == {}
+
+
+@pytest.mark.parametrize("at", [-2.0, 0.0, 2.0])
+@pytest.mark.parametrize(("travel", "springs"), [(0.1, 0), (1.5, 1)])
+def test_a_piecewise_spring_is_proposed_by_how_far_a_joint_travels_not_by_where(
+    at: float, travel: float, springs: int
+) -> None:
+    """Over a short travel it is a constant torque, wherever the joint is."""
+    q = np.column_stack([np.zeros(200), at + travel * np.linspace(-0.5, 0.5, 200)])
+    motion = Motion(arm(), 0.01 * np.arange(200), q, 0 * q, 0 * q)
+    proposed = family("joint_spring").propose(arm().joint_names, [motion], [0 * q], np.array([False, True]))
+    assert len(proposed) == springs
+    for term in proposed:
+        assert np.ptp(term.options["knots"]) == pytest.approx(travel, abs=1e-3)
+
+
+@pytest.mark.parametrize(("began", "since"), [(None, 0.0), (97.0, 3.0)])
+def test_a_law_sees_the_time_since_its_run_began(began: float | None, since: float) -> None:
+    time = 100.0 + 0.01 * np.arange(50)
+    q = np.zeros((50, 2))
+    state = Motion(arm(), time, q, q, q, began=began).state(0)
+    np.testing.assert_allclose(state.time, since + 0.01 * np.arange(50), atol=1e-9)
+
+
+@pytest.mark.parametrize("asked", ["own_ddq", "partner_ddq", "own_load"])
+def test_what_a_law_asks_for_is_its_joints_or_refused_where_it_is_not_given(asked: str) -> None:
+    values = np.array([[1.0], [2.0]])
+    given = State(0 * values, 0 * values, values, 10 * values, joint=1, partner=0)
+    assert getattr(given, asked) == {"own_ddq": 2.0, "partner_ddq": 1.0, "own_load": 20.0}[asked]
+    with pytest.raises(InputError, match="give"):
+        getattr(State(values, values, joint=1, partner=0), asked)

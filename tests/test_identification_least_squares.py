@@ -10,9 +10,9 @@ import scipy.signal
 from tests.small_arm import arm
 
 from hybrid_dynamics.errors import HybridDynamicsError, InputError
-from hybrid_dynamics.identification import LeastSquares, LeastSquaresSettings, is_physical
-from hybrid_dynamics.identification.estimate import estimate
-from hybrid_dynamics.identification.factors import block_factors, low_pass_taps
+from hybrid_dynamics.identification import LeastSquares, LeastSquaresSettings, base_parameters, is_physical
+from hybrid_dynamics.identification.estimate import Problem, choose_widths, estimate
+from hybrid_dynamics.identification.factors import _columns, block_factors, low_pass_taps
 from hybrid_dynamics.metrics import torque_errors
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -338,3 +338,35 @@ def test_the_scale_of_rotors_is_the_largest_mean_own_inertia() -> None:
         for j in range(2)
     ]
     np.testing.assert_allclose(scale, max(own), rtol=1e-9)
+
+
+def test_a_filter_leaves_a_straight_line_where_it_is() -> None:
+    """A symmetric filter of unit sum neither delays nor bends it: rows of a block are those of its own time."""
+    robot = arm()
+    t = np.arange(400) / RATE
+    line = np.column_stack([1.0 + 2.0 * t, 3.0 - 0.5 * t])
+    run = Trajectory("run", "train", t, {"q": 0 * line, "dq": line, "ddq": 0 * line, "tau": -4.0 * line})
+    base = base_parameters(robot)
+    taps, centre = low_pass_taps(5.0, 1 / RATE), np.arange(100, 300, 3)
+    assert len(taps) > 10
+    columns = _columns(robot, base, run, centre, taps, (0.0,))
+    dq, offset, tau = columns[..., base.size], columns[..., -2], columns[..., -1]
+    np.testing.assert_allclose(dq, line[centre], atol=1e-9)
+    np.testing.assert_allclose(offset, 1.0, atol=1e-12)
+    np.testing.assert_allclose(tau, -4.0 * line[centre], atol=1e-9)
+
+
+def test_a_joint_that_tells_no_width_from_another_keeps_that_of_the_others() -> None:
+    """The elbow never slows down: all widths of its sign are the same to it."""
+    robot, widths = arm(), (0.0, 0.02, 0.08)
+    t, *states = motion(4, 30.0)
+    q, dq, ddq = (own[:, :2].copy() for own in states)
+    q[:, 1], dq[:, 1], ddq[:, 1] = 3.0 * t, 3.0, 0.0
+    noise = 0.05 * np.random.default_rng(0).normal(size=q.shape)
+    smooth = np.array([1.5, 0.0]) * np.tanh(dq / 0.02)
+    run = Trajectory("r", "train", t, {"q": q, "dq": dq, "ddq": ddq})
+    run = run.with_signals(tau=robot.inverse_dynamics(q, dq, ddq) + smooth + noise)
+    base = base_parameters(robot)
+    options = {"min_speed": 0.02, "max_rows": 60_000, "filter_cutoff": 0.0, "block_seconds": 1.0}
+    problem = Problem(block_factors(robot, base, [run], widths=widths, **options), base.size)
+    assert choose_widths(problem, np.full(2, 0.05)).tolist() == [1, 1]

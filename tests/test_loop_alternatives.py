@@ -245,3 +245,19 @@ def test_of_a_links_numbers_those_that_look_like_a_spring_are_listed_too(arm, pa
     assert [("link_inertia", "j1")] in names
     # Control: of quick motion, which the link's inertia resists, its three alone make no spring.
     assert ([("link_com", "j1")] in names) == alike
+
+
+@pytest.mark.parametrize("beside", [None, 0, 1], ids=["alone", "curve of j1", "curve of j2"])
+def test_what_is_as_good_is_listed_beside_a_law_that_only_its_bounds_keep_possible_too(
+    arm: Robot, beside: int | None
+) -> None:
+    """Noise alone asks for friction that drives: fits are held to what can be, and the offsets stay as good."""
+    runs = [swing(arm, 0.03, seed) for seed in range(4)]
+    settings = LoopSettings(effects=("gravity_tilt", "torque_offset", "nonlinear_viscous_friction"))
+    judge, candidates, _ = gather(Model(arm), read_motion(arm, runs[:3], runs[3:], settings), settings)
+    tilt = Term("gravity_tilt")
+    curve = [] if beside is None else [Term("nonlinear_viscous_friction", beside)]
+    assert judge.evidence.constrained(curve) is bool(curve)
+    listed = indistinguishable(judge.at([tilt, *curve]), [tilt, *curve], candidates)[tilt]
+    names = [{(e["effect"], *e["joints"]) for e in other["effects"]} for other in listed]
+    assert {("torque_offset", "j1"), ("torque_offset", "j2")} in names

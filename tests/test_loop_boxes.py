@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from hybrid_dynamics.loop.boxes import LARGEST_SHARE, SHORTEST, STEP, Interval, Stretch, _best
+from hybrid_dynamics.loop.boxes import ALIKE, LARGEST_SHARE, SHORTEST, STEP, Interval, Stretch, _beside, _best, _return
 
 DT = 0.01
 #: Rows of a boundary's step.
@@ -62,3 +64,18 @@ def test_what_is_far_enough_from_a_known_box_is_another() -> None:
     pad = STEP_ROWS + round(0.2 / DT)
     run = stretch(1000, (300 - pad - 60, 300 - pad, 9.0), (700, 760, 4.0))
     assert found(run, known=(Interval(None, 300, 400),)) == Interval(None, 300 - pad - 60, 300 - pad)
+
+
+@pytest.mark.parametrize("entries", [1, 4, 9])
+@pytest.mark.parametrize(("away", "returns"), [(0.8 * ALIKE, True), (1.2 * ALIKE, False)])
+def test_a_box_returns_where_states_that_are_alike_stand_off_too(entries: int, away: float, returns: bool) -> None:
+    """Alike is within ``ALIKE`` by the root mean square over the entries of a state, however many these are."""
+    push, again = slice(300, 400), slice(700, 800)
+    states = 10.0 + np.arange(1000.0)[:, None] * np.ones(entries)
+    states[again] = states[push] + away
+    box = [Interval(None, push.start, push.stop)]
+    for there in (5.0, 0.0):
+        run = stretch(1000, (push.start, push.stop, 5.0), (again.start, again.stop, there))
+        run = replace(run, columns=np.zeros((1000, 0)), states=states)
+        # The control: a motion that comes back without what stood off.
+        assert _return(_beside([run], box), box, DT) is (returns and there > 0)

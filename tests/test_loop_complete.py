@@ -14,6 +14,7 @@ from hybrid_dynamics.loop import complete as complete_module
 from hybrid_dynamics.loop.complete import _chance, complete
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = arm()
@@ -95,3 +96,45 @@ def test_the_chance_of_a_group_is_uniform_where_nothing_is_there() -> None:
 
 def test_as_many_parts_as_coefficients_say_nothing() -> None:
     assert _chance(np.ones(3), np.eye(3), 3) == 1.0
+
+
+#: Four joints in a row, about the vertical and a horizontal axis in turn.
+FOUR = Robot.from_text(
+    '<robot name="four"><link name="l0"/>'
+    + "".join(
+        f'<link name="l{k}"><inertial><origin xyz="0.1 0 0.02"/><mass value="{5 - k}"/><inertia ixx="0.01" iyy="0.02" '
+        'izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="j{k}" type="revolute"><origin xyz="0.2 0 0"/><parent link="l{k - 1}"/><child link="l{k}"/>'
+        f'<axis xyz="0 {(k + 1) % 2} {k % 2}"/>'
+        '<limit lower="-3" upper="3" velocity="5" effort="40"/></joint>'
+        for k in range(1, 5)
+    )
+    + "</robot>",
+    "four.urdf",
+)
+
+
+def rubbing(torques: Sequence[float], seed: int, split: str) -> Trajectory:
+    """20 s of four joints with dry friction of ``torques`` [N m], little noise."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(2000) / 100.0
+    speed, phase = 1.1 * (1.0 + 0.17 * np.arange(4)), rng.uniform(0.0, 6.0, (3, 4))
+    q = sum(0.6 / k * np.sin(k * speed * time[:, None] + phase[k - 1]) for k in (1, 2, 3))
+    dq = np.gradient(q, time, axis=0)
+    effects = [
+        Effect("coulomb_friction", (name,), {"coulomb_torque": torque})
+        for name, torque in zip(FOUR.joint_names, torques, strict=True)
+        if torque
+    ]
+    tau = predict(FOUR, effects, q, dq, np.gradient(dq, time, axis=0), time) + 0.02 * rng.normal(size=q.shape)
+    return Trajectory(f"{split}_{seed}", split, time, {"q": q, "dq": dq, "tau": tau})
+
+
+@pytest.mark.parametrize(("others", "named_joints"), [(2.0, [0, 1, 2, 3]), (0.0, [0])])
+def test_what_sits_on_most_joints_need_only_be_sure_on_the_others(others: float, named_joints: list[int]) -> None:
+    """A tenth of the torque is of practical size here; 0.02 N m on the last joint is less, and sure."""
+    settings = LoopSettings(effects=("coulomb_friction",), torque_share=0.01)
+    train, test = (rubbing((2.0, others, others, 0.02), seed, split) for seed, split in enumerate(("train", "test")))
+    judge, terms, _ = gather(Model(FOUR), read_motion(FOUR, [train], [test], settings), settings)
+    assert np.sqrt(judge.settings.torque_share * judge.torque_variance[3]) > 0.02
+    assert [t.joint for t in complete(judge, [], terms)[1]] == named_joints

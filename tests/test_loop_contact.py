@@ -14,7 +14,7 @@ from hybrid_dynamics import predict
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.boxes import STEP, Interval, Stretch, boxes
-from hybrid_dynamics.loop.contact import Contact, named
+from hybrid_dynamics.loop.contact import Contact, _sharpened, named
 from hybrid_dynamics.loop.prepare import read_motion
 from hybrid_dynamics.loop_report.gather import gather
 from hybrid_dynamics.trajectory import Trajectory
@@ -96,6 +96,11 @@ def test_a_push_in_every_run_acts_in_every_run() -> None:
     before, after = (getattr(result.diagnosis.error["test"], when).rmse[1] for when in ("before", "after"))
     # But for its edges, which are a sample off.
     assert after < 0.1 * before
+    # What it takes of what the law before it left: all but these.
+    (told,) = (e for e in result.diagnosis.to_json()["effects"] if e["effect"] == "external_contact")
+    shares = [np.sum(np.square(told[f"test_rmse_{when}"])) for when in ("before", "after")]
+    assert told["test_change"]["value"] == pytest.approx(shares[1] / shares[0] - 1.0, abs=1e-9)
+    assert -1.0 < told["test_change"]["value"] < -0.9
 
 
 def test_a_push_in_every_training_run_but_in_no_test_run_is_told_run_by_run() -> None:
@@ -208,3 +213,17 @@ def test_boxes_at_the_same_time_of_every_run_are_one() -> None:
     (found,) = boxes([runs[0], turned], DT, WINDOW)
     assert found.run is None
     assert [found.start, found.stop] == pytest.approx([400, 600], abs=2)
+
+
+@pytest.mark.parametrize(("steps", "is_found"), [(0.5, True), (1.8, True), (3.0, False)])
+@pytest.mark.parametrize("dt", [0.01, 0.002])
+def test_ends_of_a_push_are_found_to_a_row_where_they_lie_within_two_steps(
+    dt: float, steps: float, is_found: bool
+) -> None:
+    off, start, stop = round(steps * STEP / dt), 2000, 3000
+    left = 0.01 * np.random.default_rng(0).normal(size=5000)
+    left[start:stop] += 1.0
+    seen = np.ones(5000, bool)
+    seen[2400:2450] = False
+    for own in (Interval(0, start - off, stop + off), Interval(0, start + off, stop - off)):
+        assert (_sharpened([left], [seen], own, dt) == Interval(0, start, stop)) is is_found

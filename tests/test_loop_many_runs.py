@@ -1,5 +1,6 @@
 """Many runs of which some carry another tool: told as runs that disagree, in groups that ask for the same."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,11 @@ from hybrid_dynamics.loop.columns import Columns
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.layout import Layout
 from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.problem import Problem
 from hybrid_dynamics.loop.process import process
-from hybrid_dynamics.loop.runs import MOST_GROUPS, groups_of
+from hybrid_dynamics.loop.runs import MOST_GROUPS, groups_of, split_by_run
+from hybrid_dynamics.loop.weighing import weighed_by
 from hybrid_dynamics.simulation.excitation import excitation
 
 BODY: dict[str, Any] = {f"inertia_{a}": 0.0 for a in ("xx", "xy", "xz", "yy", "yz", "zz")}
@@ -105,3 +108,17 @@ def test_columns_of_some_runs_are_those_of_all_runs_there_and_none_elsewhere(wit
     expected_torque = whole.linear(Layout.of([TOOL]), weights, whole.nothing_moving())
     for r in range(3):
         np.testing.assert_allclose(torque[r], expected_torque[r] * (r != 1), atol=1e-12)
+
+
+def test_what_tools_of_each_run_leave_is_the_floor_where_their_disagreement_hid_in_it() -> None:
+    """Dry friction that no candidate is for leaves its own size; a floor that saw through the disagreement stays."""
+    dry = Effect("coulomb_friction", ("shoulder",), {"coulomb_torque": 0.7})
+    train, test = logs(2, (LIGHT, HEAVY), also=(dry,)), logs(1, (LIGHT,), "t", (dry,))
+    sees = gather(Model(arm()), read_motion(arm(), train, test, SETTINGS), SETTINGS)[0]
+    average = np.sqrt(sees.mean_square(sees.evidence.held([TOOL])))
+    hidden = replace(weighed_by(sees, average), low=average / 20)
+    assert average[0] > 2 * 0.7
+    for judge, floor in ((hidden, 0.7), (sees, sees.floor[0])):
+        after, steps = split_by_run(judge, [TOOL], [TOOL], lambda step: None)
+        assert [whole_of(t) for t in steps[-1].terms] == [TOOL, TOOL]
+        assert after.floor[0] == pytest.approx(floor, rel=0.1)

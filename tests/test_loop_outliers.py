@@ -56,3 +56,13 @@ def test_jolts_that_come_often_are_the_motion_itself() -> None:
     knock = residual(8.3, 0)
     knock[np.abs(TIME - 8.3) < 0.02] += 20.0
     assert len(found(motion(every), knock)) == 1
+
+
+@pytest.mark.parametrize("rate", [100.0, 400.0])
+@pytest.mark.parametrize("pad", [0.03, 0.2])
+def test_as_much_is_left_out_to_either_side_as_the_filters_carry_a_moment(rate: float, pad: float) -> None:
+    rows, knock = round(SECONDS * rate), round(8.2 * rate)
+    left = np.random.default_rng(1).normal(size=(rows, JOINTS))
+    left[knock] += 20.0
+    (segment,) = outlier_segments(0, np.arange(rows) / rate, 0 * left, left, np.ones(left.shape, bool), pad)
+    assert (segment.start, segment.stop) == (knock - round(pad * rate), knock + 1 + round(pad * rate))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.small_arm import arm
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
@@ -206,3 +207,26 @@ def test_a_gain_beside_all_links_is_published_as_uncertain_as_they_leave_it(
         np.testing.assert_array_equal(
             published_covariance(evidence, alone, some), known_covariance(evidence, alone, some)
         )
+
+
+def test_beside_links_a_gain_is_the_multiple_of_the_models_torque_nearest_to_the_recorded_one() -> None:
+    """Nearest in squared noise floors, whatever the links could take of it."""
+    robot, settings = arm(), LoopSettings()
+    off = [to_body(link_parameters(robot, j) * times) for j, times in enumerate((1.4, 0.6))]
+    values = {f"{name}/{key}": v for name, body in zip(robot.joint_names, off, strict=True) for key, v in body.items()}
+    heavier = Effect("inertial_parameters", (), values, {"links": robot.joint_names})
+    run = excitation(robot, [heavier], duration=8.0, rate=250.0)
+    (seen,) = read_motion(robot, [run], [replace(run, split="test")], settings).train
+    model = robot.inverse_dynamics(seen.q, seen.dq, seen.ddq)
+    gain = Term("torque_gain", None)
+    (links,) = Term("inertial_parameters", None).family().terms(robot, np.ones(2, bool), {})
+    evidence = Evidence.of(Model(robot), [seen], [links, gain], settings)
+    layout = evidence.layout([links, gain])
+    nearest = []
+    for floor in ((0.05, 0.5), (0.5, 0.05)):
+        weights = seen.mask / np.square(floor)
+        nearest.append(np.sum(weights * model * seen.tau) / np.sum(weights * model**2))
+        found = evidence.weigh(np.array(floor)).fit([links, gain])[layout.starts[layout.terms.index(gain)]]
+        assert 1.0 + found == pytest.approx(nearest[-1], abs=0.01)
+    # The shoulder's links weigh more than the URDF says, the elbow's less: by which joint counts, it is another.
+    assert nearest[0] - nearest[1] > 0.1

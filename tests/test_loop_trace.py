@@ -5,6 +5,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS, to_body, to_dynamic
@@ -19,7 +20,7 @@ from hybrid_dynamics.loop.process import process
 from hybrid_dynamics.loop.prune import choose
 from hybrid_dynamics.loop.search import _replace, search
 from hybrid_dynamics.loop.sums import FoldSums
-from hybrid_dynamics.loop.trace import Judge, rank
+from hybrid_dynamics.loop.trace import FEWEST_CLUSTERS, Judge, block_error, rank
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitations
 
@@ -177,3 +178,20 @@ class Rounded(Told):
 
     def held(self, terms: Any, physical: bool = False) -> Held:
         return replace(super().held(terms, physical), score=self.score)
+
+
+def test_blocks_are_merged_where_they_remember_each_other_and_only_there() -> None:
+    """Of autoregressive sums of unit variance the variance of the total is n (1 + r) / (1 - r), of white ones n."""
+    rng = np.random.default_rng(2)
+    count, draws = 256, 100
+    one_run = np.zeros(count, int)
+    white = [block_error(rng.normal(size=count), one_run) for _ in range(draws)]
+    # An autocorrelation of two standard errors and more is there by chance once in forty.
+    assert np.mean([clusters == count for _, clusters in white]) > 0.9
+    assert np.median([error for error, _ in white]) == pytest.approx(np.sqrt(count), rel=0.1)
+    r = 0.8
+    steps = np.sqrt(1 - r**2) * rng.normal(size=(draws, count + 50))
+    remembering = [block_error(lfilter([1.0], [1.0, -r], own)[50:], one_run) for own in steps]
+    assert all(FEWEST_CLUSTERS <= clusters < count / 2 for _, clusters in remembering)
+    truth = np.sqrt(count * (1 + r) / (1 - r))
+    assert 0.7 * truth < np.median([error for error, _ in remembering]) < 1.3 * truth

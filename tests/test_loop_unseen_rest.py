@@ -10,6 +10,7 @@ from tests.small_arm import arm, noisy_log
 
 from hybrid_dynamics.effects import Effect, Term, predict
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unseen import unseen_beside
@@ -68,3 +69,16 @@ def test_it_is_told_with_the_motion_that_would_tell() -> None:
     (told,) = [a for a in named.indistinguishable_from if a["effects"][0]["effect"] == "stribeck_friction"]
     assert "50 % more than coulomb_friction would not show" in told["why"]
     assert "slowly" in told["motion_that_would_tell"]
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.8])
+def test_an_unseen_rest_is_listed_once_whatever_else_may_stand_for_the_name(offset: float) -> None:
+    """Friction and an offset together may be friction that is rougher one way, and the friction may rise at rest."""
+    both = [DRY, *([Effect("torque_offset", (ELBOW,), {"offset": offset})] if offset else [])]
+    runs = [noisy_log(both, seed, split, NOISE) for seed, split in ((1, "train"), (2, "train"), (51, "test"))]
+    judge, candidates, _ = gather(Model(ROBOT), read_motion(ROBOT, runs[:2], runs[2:], SETTINGS), SETTINGS)
+    terms = [next(t for t in candidates if (t.effect, t.joint) == (e.effect, 1)) for e in both]
+    listed = indistinguishable(judge.at(terms), terms, candidates)[terms[0]]
+    names = [[e["effect"] for e in other["effects"]] for other in listed]
+    assert names.count(["stribeck_friction"]) == 1
+    assert (["asymmetric_coulomb_friction"] in names) is bool(offset)
