@@ -129,14 +129,10 @@ def test_speeds_beyond_those_fitted_are_told_where_friction_would_drive(panda):
     assert "would drive it" in line
 
 
-def _constraints(terms, starts, total, base, robot, fastest, strongest=0.0) -> Constraints:
-    return physical_constraints(terms, starts, total, base, robot, fastest, np.full(robot.n_joints, strongest))
-
-
 def test_less_viscous_friction_must_not_let_the_curve_of_the_starting_model_drive(panda):
     viscous, curved = Term("viscous_friction", 1), Term("nonlinear_viscous_friction", 1)
     base = {viscous: np.array([3.0]), curved: np.array([-1.0, 0.0])}
-    found = _constraints([viscous], [0], 1, base, panda, np.full(7, 2.5))
+    found = physical_constraints([viscous], [0], 1, base, panda, np.full(7, 2.5))
     # 3 - 2.5 = 0.5 N m s/rad is left at 2.5 rad/s: so much, and not the 3 of the viscous term, may go.
     assert found.satisfied(np.array([-0.49]))
     assert not found.satisfied(np.array([-0.51]))
@@ -146,7 +142,7 @@ def test_friction_opposes_at_the_speeds_a_joint_may_do_not_only_at_those_seen(pa
     """Speeds of 1 rad/s seen of a joint that may do 2: a curve that turns round between the two is none."""
     coulomb, viscous = Term("coulomb_friction", 1), Term("viscous_friction", 1)
     terms = [coulomb, viscous, Term("nonlinear_viscous_friction", 1)]
-    found = _constraints(terms, [0, 1, 2], 4, {}, panda, np.full(7, 1.0))
+    found = physical_constraints(terms, [0, 1, 2], 4, {}, panda, np.full(7, 1.0))
     # (Fc, Fv, F2, F3) [N m] at 2 rad/s: 0 + 60 x 4 - 40 x 8 = -80; with 60 x 2 of viscous friction beside it 40.
     assert not found.satisfied(np.array([0.0, 0.0, 60.0, -40.0]))
     assert found.satisfied(np.array([0.0, 60.0, 60.0, -40.0]))
@@ -156,7 +152,7 @@ def test_friction_opposes_at_the_speeds_a_joint_may_do_not_only_at_those_seen(pa
     assert not found.satisfied(np.array([5.0, 1.5, -2.0, 0.0]))
     # A starting model that drives at speeds nobody saw (3.2 x 2 - 2 x 4 < 0) lets what was seen become less.
     base = {viscous: np.array([3.2]), terms[2]: np.array([-2.0, 0.0])}
-    less = _constraints([viscous], [0], 1, base, panda, np.full(7, 1.0))
+    less = physical_constraints([viscous], [0], 1, base, panda, np.full(7, 1.0))
     assert less.satisfied(np.array([-1.0]))
     assert not less.satisfied(np.array([-1.3]))
 
@@ -172,32 +168,11 @@ def test_friction_opposes_up_to_the_speed_that_the_urdf_allows(panda):
         assert speeds_to_oppose(robot, np.full(7, 1.0)) == pytest.approx(BEYOND)
 
 
-def test_a_curve_of_slow_motion_leaves_the_joint_its_rated_speed(panda):
-    """Of 87 N m rated torque nothing is left at 2.175 rad/s where friction asks for more: so it cannot."""
-    terms = [Term("viscous_friction", 1), Term("nonlinear_viscous_friction", 1)]
-    limit, rated = panda.velocity_limits[1], panda.effort_limits[1]
-    slow = np.full(7, limit / 3)
-    found = _constraints(terms, [0, 1], 3, {}, panda, slow)
-    most = (rated - 10.0 * limit) / limit**2
-    assert found.satisfied(np.array([10.0, 0.99 * most, 0.0]))
-    assert not found.satisfied(np.array([10.0, 1.01 * most, 0.0]))
-    # A rating that the log exceeds, none, and a starting model that asks for more say nothing.
-    assert _constraints(terms, [0, 1], 3, {}, panda, slow, 2 * rated).satisfied(np.array([10.0, 9 * most, 0.0]))
-    base = {terms[1]: np.array([2 * most, 0.0])}
-    assert _constraints(terms[:1], [0], 1, base, panda, slow).satisfied(np.array([5.0]))
-    assert not _constraints(terms[:1], [0], 1, {terms[1]: 0.5 * base[terms[1]]}, panda, slow).satisfied(
-        np.array([15.0])
-    )
-    unrated = panda.copy()
-    unrated.model.upperEffortLimit[:] = 0.0
-    assert _constraints(terms, [0, 1], 3, {}, unrated, slow).satisfied(np.array([10.0, 9 * most, 0.0]))
-
-
 @pytest.mark.parametrize("of", ["coulomb", "viscous"])
 def test_friction_that_becomes_less_as_a_joint_warms_up_stays_friction(panda, of):
     drift = Term("drift", 1, (("of", of), ("time_constant", 30.0)))
     terms = [Term("coulomb_friction", 1), Term("viscous_friction", 1), drift]
-    limits = _constraints(terms, [0, 1, 2], 3, {}, panda, np.full(7, 2.0))
+    limits = physical_constraints(terms, [0, 1, 2], 3, {}, panda, np.full(7, 2.0))
     # With 1.5 N m and 2 N m s/rad at most all of the friction goes in the end: of dry friction where the joint is
     # slowest (1.5 + 2 x 0.2 N m), of viscous friction where it is fastest (1.5 / 2 + 2 N m s/rad).
     at = {"coulomb": 1.9, "viscous": 2.75}[of] / 30
@@ -206,13 +181,13 @@ def test_friction_that_becomes_less_as_a_joint_warms_up_stays_friction(panda, of
     # Friction that grows is friction; an offset may drift where it likes; another joint's friction is no help.
     assert limits.satisfied(np.array([1.5, 2.0, 5.0]))
     offset = Term("drift", 1, (("of", "offset"), ("time_constant", 30.0)))
-    free = _constraints([terms[0], offset], [0, 1], 2, {}, panda, np.full(7, 2.0))
+    free = physical_constraints([terms[0], offset], [0, 1], 2, {}, panda, np.full(7, 2.0))
     assert free.satisfied(np.array([0.0, -5.0]))
-    alone = _constraints([Term("coulomb_friction", 2), drift], [0, 1], 2, {}, panda, np.full(7, 2.0))
+    alone = physical_constraints([Term("coulomb_friction", 2), drift], [0, 1], 2, {}, panda, np.full(7, 2.0))
     assert not alone.satisfied(np.array([9.0, -1e-3]))
     # What the starting model has already counts.
     base = {terms[0]: np.array([1.5]), terms[1]: np.array([2.0])}
-    on_top = _constraints([drift], [0], 1, base, panda, np.full(7, 2.0))
+    on_top = physical_constraints([drift], [0], 1, base, panda, np.full(7, 2.0))
     assert on_top.satisfied(np.array([-0.99 * at]))
     assert not on_top.satisfied(np.array([-1.01 * at]))
 
@@ -223,9 +198,9 @@ def test_a_starting_model_that_drives_at_other_speeds_is_not_made_worse(panda):
     plain = [Term("coulomb_friction", 1), Term("viscous_friction", 1), Term("load_dependent_friction", 1)]
     base = {plain[0]: np.array([1.5]), plain[1]: np.array([2.0]), drift: np.array([-3.0 / 30])}
     for term in [*plain, drift]:
-        found = _constraints([term], [0], 1, base, panda, np.full(7, 0.5))
+        found = physical_constraints([term], [0], 1, base, panda, np.full(7, 0.5))
         assert found.satisfied(np.zeros(1))
-    assert not _constraints([drift], [0], 1, base, panda, np.full(7, 0.5)).satisfied(np.array([-1e-3]))
+    assert not physical_constraints([drift], [0], 1, base, panda, np.full(7, 0.5)).satisfied(np.array([-1e-3]))
 
 
 def test_a_sign_that_turns_over_slowly_has_as_much_to_lose(panda):
@@ -233,6 +208,6 @@ def test_a_sign_that_turns_over_slowly_has_as_much_to_lose(panda):
     x = np.array([1.5, -0.99 * 1.5 / 30])
     for width in ((), (("sign_width", 0.08),)):
         dry = Term("coulomb_friction", 1, width)
-        limits = _constraints([dry, drift], [0, 1], 2, {}, panda, np.full(7, 0.2))
+        limits = physical_constraints([dry, drift], [0, 1], 2, {}, panda, np.full(7, 0.2))
         assert limits.satisfied(x)
         assert not limits.satisfied(x * np.array([1.0, 1.02]))

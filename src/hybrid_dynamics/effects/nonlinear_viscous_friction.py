@@ -2,7 +2,7 @@
 
 A lubricant that thins as it is sheared has F2 < 0; a fan or a churned oil bath F2 > 0. The coefficients may have either
 sign as long as the joint's viscous terms together oppose the motion at all speeds seen, Fv + F2 v + F3 v^2 >= 0, and
-all its friction does up to the speed the URDF allows the joint, where the joint's rated torque still moves it.
+all its friction does up to the speed the URDF allows the joint, at most four times the fastest of the training runs.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """What physics demands of coordinates: bounds, bodies that can exist, friction that opposes the motion, in the end too.
 
 Friction takes energy (the second law). Of one effect its bounds see to that; a viscous curve may bend down only as far
-as the joint's other viscous terms carry it, beyond the speeds of the logs as far as all its friction does, and up only
-so far that the joint's rated torque still moves it at its rated speed. Friction that becomes less as the joint warms up
-ends above zero: what grows without end over the time of a short log would drive the joint in a longer one.
+as the joint's other viscous terms carry it, beyond the speeds of the logs as far as all its friction does, and friction
+that becomes less as the joint warms up ends above zero: what grows without end over the time of a short log would drive
+the joint in a longer one.
 """
 
 from __future__ import annotations
@@ -30,19 +30,12 @@ FAR, BEYOND, BELIEVABLE, _BETWEEN = 4.0, 2.0, 10.0, np.linspace(0.25, 1.0, 4)
 
 
 def physical_constraints(
-    terms: Sequence[Term],
-    starts: Sequence[int],
-    total: int,
-    base: Mapping[Term, Array],
-    robot: Robot,
-    fastest: Array,
-    strongest: Array,
+    terms: Sequence[Term], starts: Sequence[int], total: int, base: Mapping[Term, Array], robot: Robot, fastest: Array
 ) -> Constraints:
     """Constraints on the ``total`` coordinates of ``terms``, those of each beginning at ``starts``.
 
     ``base`` holds the coordinates of effects that the starting model has already: they may become less, the sum must
-    stay physical. ``fastest`` (n,) [rad/s] and ``strongest`` (n,) [N m] are the highest speed and torque seen of each
-    joint.
+    stay physical. ``fastest`` (n,) [rad/s] is the highest speed seen of each joint.
     """
     least_of = [s.family().lower_bounds(robot, s) - base.get(s.as_finding, 0.0) for s in terms]
     lower = np.concatenate(least_of or [np.zeros(0)])
@@ -68,19 +61,10 @@ def physical_constraints(
             # others) need not be mended, only not be made worse.
             least.append(min(-own, 0.0))
 
-    def moves(joint: int, speeds: Array, most: float) -> None:
-        """At these speeds no more than ``most`` [N m] is asked of the joint against all its friction."""
-        for speed in speeds:
-            oppose(joint, np.array([speed]), _is_lasting, brakes)
-            rows[-1] = -rows[-1]
-            least[-1] = started(joint, speed, _is_lasting, brakes) - most
-
     def brakes(term: Term, speed: float) -> Array:
         return _brakes(term, robot, speed)
 
     reach = speeds_to_oppose(robot, fastest)
-    # A rated torque that the logs exceed is not one; nor is zero.
-    rated = np.where(robot.effort_limits > strongest, robot.effort_limits, np.inf)
     both = np.array([[-1.0], [1.0]])
     # Also where only the starting model is curved: less of a viscous term could let the rest drive.
     for j in _joints(terms, base, _is_viscous, lambda s: s.family().viscous_powers != (1,)):
@@ -89,10 +73,6 @@ def physical_constraints(
         # A starting model that drives where these logs do not reach, or was made on slower ones, says nothing there.
         if reach[j] > fastest[j] and all(started(j, speed, _is_lasting, brakes) >= 0 for speed in beyond):
             oppose(j, beyond, _is_lasting, brakes)
-        ends = np.ravel(both * reach[j])
-        # Nor does one that asks for more than there is, as it was made on slower logs, too.
-        if all(started(j, speed, _is_lasting, brakes) <= rated[j] < np.inf for speed in ends):
-            moves(j, ends, rated[j])
     for j in _joints(terms, base, _is_lasting, lambda s: s.family().follows_time):
         oppose(j, np.ravel(both * _SPEEDS * fastest[j]), _is_lasting, brakes)
     return Constraints(lower, tuple(bodies), np.array(rows).reshape(len(least), total), np.array(least))

@@ -47,8 +47,7 @@ class Problem:
     """The starting model ``base``, the training ``runs`` and the ``settings`` of a loop, and what follows from them.
 
     ``robot``: the one of ``base``, its bodies as far as they are known; ``folds``: those of the beginning;
-    ``base_target``: torque (K, n) [N m] that ``base`` leaves in every run; ``fastest`` (n,) [rad/s] speeds and
-    ``strongest`` (n,) [N m] torques in the runs.
+    ``base_target``: torque (K, n) [N m] that ``base`` leaves in every run; ``fastest`` (n,) [rad/s] speeds in the runs.
     """
 
     def __init__(self, base: Model, runs: Sequence[Run], settings: LoopSettings) -> None:
@@ -60,7 +59,6 @@ class Problem:
         #: What the starting model says the torque is read too large by, where it says so: columns are read like it.
         self._read = None if np.all(base.readings.gain == 1.0) else base.readings.gain
         self.fastest = np.max([np.abs(run.dq).max(axis=0) for run in self.runs], axis=0)
-        self.strongest = np.max([np.abs(run.tau).max(axis=0) for run in self.runs], axis=0)
         self.folds = folds_of(self.runs, settings)
         self._asked: list[deque[tuple[Model, tuple[Array, Array]]]] = [deque(maxlen=KEPT) for _ in self.runs]
         self._rigid: list[deque[tuple[bytes, Array]]] = [deque(maxlen=KEPT) for _ in self.runs]
@@ -192,7 +190,7 @@ class Problem:
         if layout not in self._constraints:
             make_room(self._constraints)
             self._constraints[layout] = physical_constraints(
-                layout.terms, layout.starts, layout.total, self.base_places, self.robot, self.fastest, self.strongest
+                layout.terms, layout.starts, layout.total, self.base_places, self.robot, self.fastest
             )
         return self._constraints[layout]
 
