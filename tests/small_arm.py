@@ -8,18 +8,27 @@ from pathlib import Path
 import numpy as np
 from examples.demo_arm import HIDDEN, URDF
 
-from hybrid_dynamics.effects import Effect, predict
+from hybrid_dynamics.effects import Effect, family, predict
 from hybrid_dynamics.readers import write_log
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.trajectory import Trajectory
 
-__all__ = ["HIDDEN", "URDF", "arm", "noisy_log", "runs", "write_folder", "write_logs"]
+__all__ = ["HIDDEN", "URDF", "arm", "heavier_links", "noisy_log", "runs", "write_folder", "write_logs"]
 
 
 def arm() -> Robot:
     """The arm as its URDF says it is."""
     return Robot.from_text(URDF, "small arm")
+
+
+def heavier_links(share: float) -> Effect:
+    """All links of the arm heavier by ``share``, as the loop would name it."""
+    robot = arm()
+    (term,) = family("inertial_parameters").terms(robot, np.ones(2, bool), {})
+    inertias = [robot.model.inertias[i].toDynamicParameters() for i in robot.joint_ids]
+    values = term.family().parameters_of(share * np.concatenate(inertias), robot, term)
+    return Effect("inertial_parameters", (), values, dict(term.settings))
 
 
 def runs(train: int = 2, test: int = 1, duration: float = 8.0) -> tuple[list[Trajectory], list[Trajectory]]:

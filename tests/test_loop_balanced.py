@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from tests.test_loop_beside import SHOULDER, judged, links
+from tests.small_arm import heavier_links
+from tests.test_loop_beside import SHOULDER, judged
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import refit
@@ -30,7 +31,7 @@ def test_an_offset_that_only_an_impossible_link_balances_is_told() -> None:
 @pytest.mark.parametrize("share", [0.15, 8.0])
 def test_a_true_offset_stays_beside_links_that_are_off_by_themselves(share: float) -> None:
     """Also where the description holds placeholders: nothing named makes the links so."""
-    judge, chosen, _ = judged([links(share), Effect("torque_offset", (SHOULDER,), {"offset": 1.5})])
+    judge, chosen, _ = judged([heavier_links(share), Effect("torque_offset", (SHOULDER,), {"offset": 1.5})])
     assert balanced(judge, [*chosen, OFFSET, FRICTION]) == []
     x, scale = refit(judge.evidence, [*chosen, OFFSET]).x[:20], chosen[0].prior_scale(judge.evidence.robot)
     assert (abs(x / scale).max() > BEYOND) == (share > 1)

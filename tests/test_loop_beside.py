@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.small_arm import URDF, arm
+from tests.small_arm import URDF, arm, heavier_links
 
-from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.effects.together import together
 from hybrid_dynamics.errors import InputError
@@ -37,14 +37,6 @@ SHOULDER, ELBOW = ROBOT.joint_names
 FEW_POSES = Robot.from_text(URDF.replace('lower="-2.5" upper="2.5"', 'lower="0.6" upper="1.4"'), "few poses")
 
 
-def links(share: float) -> Effect:
-    """All links heavier by ``share``, as the loop would name it."""
-    (term,) = family("inertial_parameters").terms(ROBOT, np.ones(2, bool), {})
-    inertias = [ROBOT.model.inertias[i].toDynamicParameters() for i in ROBOT.joint_ids]
-    values = term.family().parameters_of(share * np.concatenate(inertias), ROBOT, term)
-    return Effect("inertial_parameters", (), values, dict(term.settings))
-
-
 def judged(effects: list[Effect]) -> tuple[Judge, list[Term], list[Run]]:
     """Evidence of one run in few poses, the term of all links, and runs in all poses."""
     settings = LoopSettings()
@@ -65,7 +57,7 @@ def errors(judge: Judge, chosen: list[Term], beside: list[Term], test: list[Run]
 
 @pytest.mark.parametrize("offset", [1.5, -1.5])
 def test_an_offset_beside_the_links_keeps_other_poses_right(offset: float) -> None:
-    judge, chosen, test = judged([links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": offset})])
+    judge, chosen, test = judged([heavier_links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": offset})])
     judge, beside = beside_links(judge, chosen)
     assert [(t.effect, t.joint) for t in beside] == [("torque_offset", 0), ("torque_offset", 1)]
     model, error = errors(judge, chosen, beside, test)
@@ -80,7 +72,7 @@ def test_an_offset_beside_the_links_keeps_other_poses_right(offset: float) -> No
 
 
 def test_where_there_is_none_it_stays_within_its_error() -> None:
-    judge, chosen, test = judged([links(0.15)])
+    judge, chosen, test = judged([heavier_links(0.15)])
     judge, beside = beside_links(judge, chosen)
     model, error = errors(judge, chosen, beside, test)
     for effect in (e for e in model.effects if not e.is_finding):
@@ -91,7 +83,7 @@ def test_where_there_is_none_it_stays_within_its_error() -> None:
 
 
 def test_beside_single_causes_nothing_is_estimated() -> None:
-    judge, (every,), _ = judged([links(0.15)])
+    judge, (every,), _ = judged([heavier_links(0.15)])
     single = [t for t in judge.evidence.terms if t.effect in ("viscous_friction", "torque_offset")]
     assert beside_links(judge, single) == (judge, [])
     named = [t for t in single if t.effect == "torque_offset" and t.joint == 0]
@@ -106,7 +98,7 @@ def test_beside_single_causes_nothing_is_estimated() -> None:
 
 
 def test_it_is_told_kept_and_not_named(tmp_path: Path) -> None:
-    hidden = [links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": 0.3})]
+    hidden = [heavier_links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": 0.3})]
     train, _ = excitations(FEW_POSES, hidden, train=2, test=0, duration=8.0, rate=250.0)
     _, test = excitations(ROBOT, hidden, train=0, test=1, duration=8.0, rate=250.0)
     result = close_loop(ROBOT, train, test, LoopSettings(effects=("inertial_parameters", "torque_offset")))
@@ -128,8 +120,8 @@ def test_it_is_told_kept_and_not_named(tmp_path: Path) -> None:
 def test_what_has_changed_since_is_a_finding(moved: float) -> None:
     # The model of the last calibration holds an offset that was none: what is added to it is named, or it is not there.
     held = Effect("torque_offset", (SHOULDER,), {"offset": 0.3}, {HELD: 1.5}, {"offset": 0.2})
-    start = Model(ROBOT, (links(0.15), held))
-    hidden = [links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": 0.3 + moved})]
+    start = Model(ROBOT, (heavier_links(0.15), held))
+    hidden = [heavier_links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": 0.3 + moved})]
     train, test = excitations(ROBOT, hidden, train=2, test=1, duration=8.0, rate=250.0)
     result = close_loop(ROBOT, train, test, start=start)
     found = [e.effect for e in result.diagnosis.effects]
@@ -219,7 +211,7 @@ def test_where_nothing_is_missed_or_nothing_is_named_nothing_is_estimated() -> N
 def test_beside_all_links_everything_plain_is_in_where_something_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     """Least squares has it on every joint; left out, the links take it up, and other motions are predicted wrongly."""
     monkeypatch.setattr(beside_module, "_missed", lambda *_: False)
-    heavier = links(0.1)
+    heavier = heavier_links(0.1)
     named = [heavier.term(ROBOT)]
     hidden = [heavier, DRY, VISCOUS]
     _, found = unsure(hidden, named)
@@ -252,7 +244,7 @@ def test_where_most_joints_are_left_everything_plain_is_in(monkeypatch: pytest.M
 
 
 def test_one_joint_does_not_keep_the_plain_effects_of_another_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    heavier = links(0.1)
+    heavier = heavier_links(0.1)
     named = [heavier.term(ROBOT)]
     rough = [Effect(DRY.effect, (joint,), DRY.parameters) for joint in (SHOULDER, ELBOW)]
     judge, terms = offered([heavier, *rough], named)
@@ -265,7 +257,7 @@ def test_one_joint_does_not_keep_the_plain_effects_of_another_out(monkeypatch: p
 
 def test_all_that_is_missing_is_asked_for_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """Through the links each can stand for another's: refused one by one, they may all be there."""
-    heavier = links(0.1)
+    heavier = heavier_links(0.1)
     named = [heavier.term(ROBOT)]
     rough = [Effect(DRY.effect, (joint,), DRY.parameters) for joint in (SHOULDER, ELBOW)]
     judge, terms = offered([heavier, *rough], named)
@@ -304,7 +296,7 @@ def test_what_one_joint_gains_together_pays_for_no_other_s_loss() -> None:
 
 
 def test_what_physics_holds_at_nothing_is_not_estimated(monkeypatch: pytest.MonkeyPatch) -> None:
-    heavier = links(0.1)
+    heavier = heavier_links(0.1)
     named = [heavier.term(ROBOT)]
     judge, terms = offered([heavier], named)
     monkeypatch.setattr(Judge, "above_floor", lambda *_: np.ones(2, bool))

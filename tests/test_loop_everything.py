@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.small_arm import arm, noisy_log
-from tests.test_loop_beside import links
+from tests.small_arm import arm, heavier_links, noisy_log
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
@@ -22,7 +21,7 @@ ROBOT = arm()
 NO_STEPS = np.zeros(2)
 SHOULDER, ELBOW = ROBOT.joint_names
 HIDDEN = (
-    links(0.15),
+    heavier_links(0.15),
     Effect("viscous_friction", (SHOULDER,), {"viscous_coefficient": 1.0}),
     Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 1.0}),
 )

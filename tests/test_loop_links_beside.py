@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.small_arm import arm
+from tests.small_arm import arm, heavier_links
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.base import HELD
@@ -30,14 +30,6 @@ from hybrid_dynamics.simulation.excitation import excitations
 ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
 FRICTION = [Effect("coulomb_friction", (name,), {"coulomb_torque": 0.8}) for name in ROBOT.joint_names]
-
-
-def links(share: float) -> Effect:
-    """All links heavier by ``share``."""
-    (term,) = family("inertial_parameters").terms(ROBOT, np.ones(2, bool), {})
-    inertias = [ROBOT.model.inertias[i].toDynamicParameters() for i in ROBOT.joint_ids]
-    values = term.family().parameters_of(share * np.concatenate(inertias), ROBOT, term)
-    return Effect("inertial_parameters", (), values, dict(term.settings))
 
 
 def judged(effects: list[Effect], base: Model | None = None) -> tuple[Judge, list[Term], list[Run], list[Term]]:
@@ -63,7 +55,7 @@ def held_links(terms: list[Term]) -> list[Term]:
 
 
 def test_links_that_are_off_stand_beside_the_names() -> None:
-    judge, candidates, test, named = judged([links(0.15), *FRICTION])
+    judge, candidates, test, named = judged([heavier_links(0.15), *FRICTION])
     there, estimated = beside(judge, named, candidates)
     (near,) = held_links(estimated)
     assert near.options[HELD] in LINKS_WITHIN
@@ -100,7 +92,7 @@ def test_links_that_are_right_are_left_alone(hidden: list[Effect]) -> None:
 
 
 def test_a_link_that_is_named_is_not_estimated_again() -> None:
-    judge, candidates, _, named = judged([links(0.15), *FRICTION])
+    judge, candidates, _, named = judged([heavier_links(0.15), *FRICTION])
     mass = Term("link_mass", 0)
     judge = judge.adding([mass]).at([*named, mass])
     (near,) = held_links(beside(judge, [*named, mass], candidates)[1])
@@ -111,7 +103,7 @@ def test_a_link_that_is_named_is_not_estimated_again() -> None:
 
 def test_links_that_would_leave_nothing_known_of_a_name_stay_away() -> None:
     """All links heavier by as much, and the shoulder's torque read too large: a gain looks like them."""
-    judge, candidates, _, named = judged([links(0.15), *FRICTION])
+    judge, candidates, _, named = judged([heavier_links(0.15), *FRICTION])
     gain = Term("torque_gain", None)
     judge = judge.adding([gain]).at([*named, gain])
     # Nothing else is off, so what the gain leaves is little; at another floor something is left to find.
@@ -123,20 +115,20 @@ def test_links_that_would_leave_nothing_known_of_a_name_stay_away() -> None:
 
 
 def test_links_of_a_starting_model_stay_and_without_names_nothing_is_estimated() -> None:
-    judge, candidates, _, named = judged([links(0.15), *FRICTION], Model(ROBOT, (links(0.05),)))
+    judge, candidates, _, named = judged([heavier_links(0.15), *FRICTION], Model(ROBOT, (heavier_links(0.05),)))
     assert held_links(beside(judge, named, candidates)[1]) == []
-    judge, candidates, _, _ = judged([links(0.15), *FRICTION])
+    judge, candidates, _, _ = judged([heavier_links(0.15), *FRICTION])
     assert beside(judge, [], candidates)[1] == []
 
 
 @pytest.mark.parametrize(("torque", "refused"), [(0.8, []), (0.1, ["elbow"])])
 def test_a_name_that_the_test_runs_contradict_goes_and_the_links_stay(torque: float, refused: list[str]) -> None:
     """The elbow rubs less in the test run: its friction goes, the shoulder's and what stands beside it do not."""
-    judge, candidates, _, named = judged([links(0.15), *FRICTION])
+    judge, candidates, _, named = judged([heavier_links(0.15), *FRICTION])
     there, estimated = beside(judge, named, candidates)
     fitted = refit(there.evidence, [*named, *estimated])
     found = Found(named, fitted.x, [], [], [], there.over(fitted.evidence), there.evidence.base, estimated)
-    changed = [links(0.15), FRICTION[0], Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": torque})]
+    changed = [heavier_links(0.15), FRICTION[0], Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": torque})]
     _, test = excitations(ROBOT, changed, train=0, test=1, duration=8.0, rate=250.0)
     train, _ = excitations(ROBOT, changed, train=1, test=0, duration=8.0, rate=250.0)
     tests = read_motion(ROBOT, train, test, LoopSettings()).test
@@ -146,10 +138,10 @@ def test_a_name_that_the_test_runs_contradict_goes_and_the_links_stay(torque: fl
 
 
 def test_links_that_are_held_are_no_links_that_are_named() -> None:
-    held = Effect("inertial_parameters", (), links(0.1).parameters, {**links(0.1).settings, HELD: 0.5})
+    held = Effect("inertial_parameters", (), heavier_links(0.1).parameters, {**heavier_links(0.1).settings, HELD: 0.5})
     offset = Effect("torque_offset", (ELBOW,), {"offset": 0.1}, {HELD: 0.2})
     assert _beside([held, offset]) == ([held, offset], [])
-    assert _beside([links(0.1), offset]) == ([], [offset])
+    assert _beside([heavier_links(0.1), offset]) == ([], [offset])
     judge, _, _, _ = judged(FRICTION, Model(ROBOT, (held,)))
     assert not judge.evidence.problem.links_identified
 
@@ -168,7 +160,9 @@ def test_what_is_held_and_what_is_named_stand_at_one_place(tmp_path: Path) -> No
 
 
 def test_the_model_is_read_again_as_it_was_written(tmp_path: Path) -> None:
-    effect = Effect("inertial_parameters", (), links(0.1).parameters, {**links(0.1).settings, HELD: 0.5})
+    effect = Effect(
+        "inertial_parameters", (), heavier_links(0.1).parameters, {**heavier_links(0.1).settings, HELD: 0.5}
+    )
     Model(ROBOT, (effect,)).save(tmp_path / "model.json")
     (again,) = load_model(tmp_path / "model.json", ROBOT).effects
     assert not again.is_finding

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.test_loop_beside import ROBOT, links
+from tests.small_arm import heavier_links
+from tests.test_loop_beside import ROBOT
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop import LoopSettings, Model
@@ -16,7 +17,7 @@ from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.weighing import as_left, weighed_by
 from hybrid_dynamics.simulation.excitation import excitations
 
-HEAVIER = links(0.3)
+HEAVIER = heavier_links(0.3)
 
 
 def judged(unnamed: float) -> tuple[Judge, Term, list[Run]]:

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.test_loop_beside import ELBOW, FEW_POSES, ROBOT, SHOULDER, errors, judged, links
+from tests.small_arm import heavier_links
+from tests.test_loop_beside import ELBOW, FEW_POSES, ROBOT, SHOULDER, errors, judged
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
@@ -93,7 +94,7 @@ def test_several_bodies_that_are_there_stay() -> None:
 
 
 def test_several_bodies_that_stand_for_a_constant_give_way() -> None:
-    judge, (every,), test = judged([links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": -3.0})])
+    judge, (every,), test = judged([heavier_links(0.15), Effect("torque_offset", (SHOULDER,), {"offset": -3.0})])
     bodies = two_links(judge)
     assert changed(judge, bodies) < BELIEVED
     assert widened(judge, bodies)[1] == [every]
@@ -134,7 +135,7 @@ def test_where_most_joints_are_left_all_links_are_as_likely_as_one() -> None:
 def test_links_that_the_starting_model_has_identified_take_no_body_s_place() -> None:
     judge, single = rippled(SHOULDER, ELBOW)
     assert [t.effect for t in widened(judge, single)[1]] == ["inertial_parameters"]
-    known = replace(judge.evidence.base, effects=(links(0.0),))
+    known = replace(judge.evidence.base, effects=(heavier_links(0.0),))
     settings = LoopSettings()
     train, _ = excitations(FEW_POSES, hidden_ripple(SHOULDER, ELBOW), train=1, test=0, duration=8.0, rate=250.0)
     there, _, _ = gather(known, read_motion(ROBOT, train, train, settings), settings)
@@ -145,7 +146,7 @@ def test_links_that_the_starting_model_has_identified_take_no_body_s_place() -> 
 def test_where_no_link_is_named_all_links_come_in_as_any_effect_does() -> None:
     ripple = {"harmonic": 6.0, "amplitude": 0.5, "phase": 0.3}
     # All links are off by a little, and none so much that it was named.
-    judge, (every,), _ = judged([links(0.15), Effect("torque_ripple", (SHOULDER,), ripple)])
+    judge, (every,), _ = judged([heavier_links(0.15), Effect("torque_ripple", (SHOULDER,), ripple)])
     friction = [t for t in judge.evidence.terms if t.effect == "viscous_friction"]
     assert judge.mostly_left(judge.evidence.held(friction, physical=True))
     assert widened(judge, friction, judge.evidence.terms)[1] == [*friction, every]
@@ -163,7 +164,7 @@ def test_where_no_link_is_named_all_links_come_in_as_any_effect_does() -> None:
 def test_a_link_that_is_off_by_more_than_plausible_must_be_surer(monkeypatch: pytest.MonkeyPatch) -> None:
     # Ripple takes the links further than they are off (1.3 plausible changes), and they gain six errors.
     ripple = {"harmonic": 6.0, "amplitude": 0.12, "phase": 0.3}
-    judge, (every,), _ = judged([links(0.15), Effect("torque_ripple", (ELBOW,), ripple)])
+    judge, (every,), _ = judged([heavier_links(0.15), Effect("torque_ripple", (ELBOW,), ripple)])
     friction = [t for t in judge.evidence.terms if t.effect == "viscous_friction"]
     assert widened(judge, friction, judge.evidence.terms)[1] == [*friction, every]
     # Four errors, were they asked of any effect, would be nearly seven of such links.
@@ -179,7 +180,7 @@ def test_a_link_that_is_off_by_more_than_plausible_must_be_surer(monkeypatch: py
 def test_constant_torques_of_most_joints_may_be_weight(monkeypatch: pytest.MonkeyPatch) -> None:
     ripple = {"harmonic": 6.0, "amplitude": 0.08, "phase": 0.3}
     # All links are off by a little, ripple has no name, and more is asked of an effect than all links gain.
-    off = [links(0.12), *(Effect("torque_ripple", (joint,), ripple) for joint in (SHOULDER, ELBOW))]
+    off = [heavier_links(0.12), *(Effect("torque_ripple", (joint,), ripple) for joint in (SHOULDER, ELBOW))]
     judge, (every,), _ = judged(off)
     judge = replace(judge, settings=replace(judge.settings, gain_in_errors=3.5))
     constant = [t for t in judge.evidence.terms if t.effect == "torque_offset"]

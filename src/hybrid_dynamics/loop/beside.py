@@ -26,7 +26,7 @@ from hybrid_dynamics.loop.balanced import balanced
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prune import on_every_joint
-from hybrid_dynamics.loop.trace import ACCEPTED, Judge, covers, has_all_links, has_family
+from hybrid_dynamics.loop.trace import ACCEPTED, Judge, all_links_of, covers, has_all_links, has_family
 
 #: Size that such a torque is expected within, as a share of the root mean square of the joint's torque.
 EXPECTED = 0.1
@@ -71,7 +71,7 @@ def links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -
     leaves the links as they are said to be is wrong by all of it. Those that a starting model has found or guessed are
     left as they are: links do not change.
     """
-    links = next((t for t in candidates if t.family().all_links), None)
+    links = all_links_of(candidates)
     robot, started = judge.evidence.robot, judge.evidence.base.effects
     if links is None or has_all_links(model) or any(family(e.effect).all_links for e in started):
         return judge, []
@@ -80,15 +80,15 @@ def links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -
     held = judge.evidence.held(list(model), physical=True)
     if not rest or not judge.mostly_left(held):
         return judge, []
-    best, out = held, []
+    best, found = held, (judge, list[Term]())
     for share in LINKS_WITHIN:
         near = replace(links, settings=tuple(sorted({**links.options, LINKS: rest, HELD: share}.items())))
         there = judge.adding([near])
         after = there.evidence.held([*model, near], physical=True)
         # No name: what shows of a gain is enough, as for all that every arm has.
         if after.score < best.score and there.gain(after, held).surer_than(1.0) and there.spares(after, held):
-            best, out = after, [near]
-    return judge.adding(out), out
+            best, found = after, (there, [near])
+    return found
 
 
 def plain_beside(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:

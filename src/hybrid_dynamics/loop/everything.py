@@ -19,7 +19,7 @@ from hybrid_dynamics.loop.confirm import change_of, moving_errors
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.prune import on_every_joint
-from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.trace import Judge, all_links_of
 from hybrid_dynamics.types import Array
 
 #: Worth a word is what at least halves a joint's mean square.
@@ -64,7 +64,7 @@ def better_with_everything(
     ``rounded_away`` (n,) [N m]: steps of the torque follow the motion, and a constant takes a part of them.
     """
     times = np.ones(judge.evidence.n)
-    links = next((t for t in candidates if t.family().all_links), None)
+    links = all_links_of(candidates)
     if links is None or judge.evidence.problem.links_identified:
         return Everything(times)
     terms = [*on_every_joint(candidates), links]

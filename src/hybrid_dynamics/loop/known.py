@@ -42,8 +42,7 @@ def known_and_beside(
         if plainer != names:
             names = plainer
             continue
-        asked = {t: e for t, e in zip(names, effects, strict=True) if t not in fixed}
-        least = unknown(asked, judge.evidence.robot)
+        least = _least_known(judge, names, effects, fixed)
         if least is None:
             return with_links(judge, names, beside, candidates, fixed)
         names.remove(least)
@@ -64,8 +63,7 @@ def with_links(
     while links and kept:
         there = as_left(there, [*kept, *plain, *links])
         there, effects = _published(there, kept, [*plain, *links])
-        own = zip(kept, effects, strict=True)
-        least = unknown({t: e for t, e in own if t not in fixed}, there.evidence.robot)
+        least = _least_known(there, kept, effects, fixed)
         if least is None:
             return there, kept, [*plain, *links]
         if not least.family().everywhere:
@@ -74,6 +72,14 @@ def with_links(
         there, held = held_near(there, [least])
         plain += held
     return judge, list(names), list(beside)
+
+
+def _least_known(
+    judge: Judge, names: Sequence[Term], effects: Sequence[Effect], fixed: Collection[Term]
+) -> Term | None:
+    """:func:`unknown` of ``names`` and their ``effects``, without what is ``fixed``."""
+    own = zip(names, effects, strict=True)
+    return unknown({t: e for t, e in own if t not in fixed}, judge.evidence.robot)
 
 
 def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:

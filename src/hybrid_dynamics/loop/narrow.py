@@ -17,7 +17,7 @@ from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.further import like_a_body
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge, same_place
+from hybrid_dynamics.loop.trace import Judge, all_links_of, same_place
 from hybrid_dynamics.loop.widen import BELIEVED, BETTER, beyond_belief, too_few
 
 #: So many causes may stand in the place of all links, where they cost less; larger groups are made of so many that
@@ -36,7 +36,7 @@ def narrowed(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = 
 
     Where a few causes leave most joints with more than their floor, whatever friction of ``candidates`` stands beside
     them, they must predict better by as much as an effect must to come in."""
-    links = next((t for t in chosen if t.family().all_links), None)
+    links = all_links_of(chosen)
     if links is None:
         return judge, list(chosen)
     rest = [t for t in chosen if t != links]

@@ -365,9 +365,14 @@ def has_family(terms: Sequence[Term], name: str, joint: int) -> bool:
     return any(t.joint == joint and (t.effect == name or name in t.family().contains) for t in terms)
 
 
+def all_links_of(terms: Iterable[Term]) -> Term | None:
+    """The first of ``terms`` that is the parameters of all links, if one is."""
+    return next((t for t in terms if t.family().all_links), None)
+
+
 def has_all_links(terms: Iterable[Term]) -> bool:
     """True where one of ``terms`` is the parameters of all links."""
-    return any(t.family().all_links for t in terms)
+    return all_links_of(terms) is not None
 
 
 def covers(general: Term, special: Term) -> bool:
