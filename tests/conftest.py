@@ -1,10 +1,15 @@
-"""What all tests share: which of them are slow."""
+"""What all tests share: which of them are slow, and that none depends on luck or on how busy the machine is."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import hypothesis
 import pytest
+
+# The same examples in every run, however long each takes; others: pytest --hypothesis-profile=default.
+hypothesis.settings.register_profile("same", derandomize=True, deadline=None)
+hypothesis.settings.load_profile("same")
 
 #: Files of tests that run the pipeline, whole loops on arms with six or seven joints, a browser, a compiler or MLflow:
 #: they take part in `make test`, not in `make check`. Single tests of other files are marked where they stand.

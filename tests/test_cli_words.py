@@ -205,6 +205,39 @@ def test_one_cause_that_could_stand_for_several_names_is_told_once():
     assert sum("told apart" in line for line in details(value)) == 2
 
 
+def test_of_a_name_that_much_could_stand_for_the_rest_is_told_by_name():
+    value = diagnosis()
+    effect = value.pop("effect")
+    kinds = ["torque_offset", "torque_gain", "joint_spring", "armature", "drift"]
+    others = [
+        {"effects": [{"effect": kind, "joints": ["a"]}], "why": f"as good {k}", "motion_that_would_tell": "Turn."}
+        for k, kind in enumerate(kinds)
+    ]
+    named = effect("viscous_friction", ["a"], ("viscous_coefficient", 1.0, "N m s/rad"))
+    value["effects"] = [named | {"indistinguishable_from": others}]
+    told = [line for line in details(value) if "told apart" in line]
+    assert [f"as good {k}" in line for k, line in enumerate(told[:3])] == [True] * 3
+    rest = "viscous friction on a and 2 more (report.html says why): armature on a; drift on a"
+    assert told[3:] == [f"cannot be told apart: {rest}"]
+    # Control: three are told each with its reason.
+    value["effects"] = [named | {"indistinguishable_from": others[:3]}]
+    assert [line for line in details(value) if "told apart" in line] == told[:3]
+
+
+def test_what_is_not_in_the_model_is_not_compared_with_anything():
+    value = diagnosis()
+    effect = value.pop("effect")
+    other = {"effects": [{"effect": "drift", "joints": ["a"]}], "why": "as good", "motion_that_would_tell": "Turn."}
+    named = effect("viscous_friction", ["a"], ("viscous_coefficient", 1.0, "N m s/rad"))
+    value["effects"] = [named | {"indistinguishable_from": [other], "confirmed": False}]
+    told = details(value)
+    assert any(line.startswith("contradicted by the test runs") for line in told)
+    assert not any("told apart" in line for line in told)
+    # Control: confirmed, it is.
+    value["effects"] = [named | {"indistinguishable_from": [other], "confirmed": True}]
+    assert any("told apart" in line for line in details(value))
+
+
 def test_two_doubts_of_one_kind_about_the_whole_robot_are_told_without_a_joint():
     value = diagnosis()
     effect = value.pop("effect")

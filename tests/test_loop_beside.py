@@ -22,7 +22,7 @@ from hybrid_dynamics.loop import find as find_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import beside_links, beside_names
 from hybrid_dynamics.loop.diagnosis import errors_of
-from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.loop.prepare import gather, read_motion

@@ -19,7 +19,7 @@ from hybrid_dynamics.loop.beside import LINKS_WITHIN, all_beside
 from hybrid_dynamics.loop.confirm import confirm
 from hybrid_dynamics.loop.describe import _beside, _estimated
 from hybrid_dynamics.loop.diagnosis import errors_of
-from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.known import with_links
 from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.loop.prepare import gather, read_motion
@@ -74,6 +74,16 @@ def test_links_that_are_off_stand_beside_the_names() -> None:
     assert "inertial_parameters" in [e.effect for e in own]
     (line,) = _estimated("beside", own, [])
     assert f"inertial_parameters of {SHOULDER}, {ELBOW}" in line
+
+
+def test_the_closer_the_links_the_stronger_they_are_held() -> None:
+    """As far as held-out rows can tell: from a description made from drawings to one that was identified."""
+    shares = []
+    for off in (0.6, 0.15, 0.02):
+        judge, candidates, _, named = judged([heavier_links(off), *FRICTION])
+        shares.append(held_links(beside(judge, named, candidates)[1])[0].options[HELD])
+    assert shares == sorted(shares, reverse=True)
+    assert (shares[0], shares[-1]) == (max(LINKS_WITHIN), min(LINKS_WITHIN))
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,8 @@ from hybrid_dynamics.loop.blocks import folds_of
 from hybrid_dynamics.loop.complete import _where_it_fits, complete
 from hybrid_dynamics.loop.confirm import test_change as change_on_tests
 from hybrid_dynamics.loop.evidence import Evidence
-from hybrid_dynamics.loop.find import Found, find
+from hybrid_dynamics.loop.find import find
+from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.further import at_the_end, further_candidates, simplify
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.identifiability import inconsistent

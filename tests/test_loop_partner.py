@@ -85,6 +85,23 @@ def test_a_partner_that_is_surely_worse_is_told_however_small_the_difference() -
     assert any(there.as_good(there.evidence.held([c], physical=True), full) for c in others)
 
 
+@pytest.mark.parametrize("seed", range(1, 9, 2))
+def test_two_that_make_the_same_torque_are_never_told_by_the_rounding_of_sums(seed: int) -> None:
+    """What differs by rounding differs on another processor by something else."""
+    settings = LoopSettings()
+    train = [log([COUPLING], k, "train", True) for k in (seed, seed + 1)]
+    judge, _, _ = gather(Model(ROBOT), read_motion(ROBOT, train, [], settings), settings)
+    term = COUPLING.term(ROBOT)
+    (other,) = partner._others(judge, term)
+    judge = judge.adding([term]).at([term]).adding([other])
+    one, two = (judge.evidence.held([t], physical=True) for t in (term, other))
+    assert not judge.gain(one, two, one).surer_than(1.0)
+    assert not judge.gain(two, one, one).surer_than(1.0)
+    assert partner_open(judge, [term]) == {term: ["j2"]}
+    # The control: none at all is surely worse.
+    assert judge.gain(one, judge.evidence.held([])).surer_than(3.0)
+
+
 @pytest.mark.parametrize("together", [True, False])
 def test_the_loop_names_it_where_its_partner_is_told(together: bool) -> None:
     train, test = ([log([COUPLING], seed, split, together) for seed in seeds]

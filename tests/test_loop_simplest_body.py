@@ -12,7 +12,8 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.inertia import BODY_PARAMETERS
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop.alternatives import indistinguishable
-from hybrid_dynamics.loop.find import Found, find
+from hybrid_dynamics.loop.find import find
+from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.further import _special_cases, simplify_bodies
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge

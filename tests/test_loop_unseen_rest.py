@@ -71,7 +71,7 @@ def test_it_is_told_with_the_motion_that_would_tell() -> None:
     assert "slowly" in told["motion_that_would_tell"]
 
 
-@pytest.mark.parametrize("offset", [0.0, 0.8])
+@pytest.mark.parametrize("offset", [0.0, 0.3])
 def test_an_unseen_rest_is_listed_once_whatever_else_may_stand_for_the_name(offset: float) -> None:
     """Friction and an offset together may be friction that is rougher one way, and the friction may rise at rest."""
     both = [DRY, *([Effect("torque_offset", (ELBOW,), {"offset": offset})] if offset else [])]

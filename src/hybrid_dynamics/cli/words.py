@@ -29,6 +29,8 @@ from hybrid_dynamics.loop_report.words import (
 Entry = Mapping[str, Any]
 #: Kinds of effects whose values stand in the headline; of further ones the names.
 _MOST = 4
+#: Causes that could stand for one name, each with its reason; of further ones the names.
+_ALIKE = 3
 #: Notes of a diagnosis that say again what :func:`details` says.
 TOLD_ALREADY = (
     "contradicted by the test runs",
@@ -166,9 +168,10 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
 
 def _alike(effects: Sequence[Entry]) -> list[str]:
     """Effects that these motions cannot tell apart, the same pair on several joints in one line, and one cause that
-    could stand for several of them in one."""
+    could stand for several of them in one; of a name that much could stand for the rest by name. Of what is not in the
+    model nothing: it is no answer."""
     groups: dict[tuple[str, ...], list[tuple[Entry, Mapping[str, Any]]]] = {}
-    for entry in effects:
+    for entry in filter(confirmed, effects):
         for other in entry.get("indistinguishable_from", []):
             own = all(e.get("joints") == entry.get("joints") for e in other["effects"])
             kinds = tuple(e["effect"] for e in other["effects"])
@@ -177,6 +180,7 @@ def _alike(effects: Sequence[Entry]) -> list[str]:
                 key = (other["why"], *map(place, other["effects"]))
             groups.setdefault(key, []).append((entry, other))
     out = []
+    alone: dict[str, list[str]] = {}
     for pairs in groups.values():
         entry, other = pairs[0]
         tells = (other.get("motion_that_would_tell") or "").rstrip(".")
@@ -187,13 +191,19 @@ def _alike(effects: Sequence[Entry]) -> list[str]:
             out.append(f"cannot be told apart: {names}, {other['why']}{tell}")
             continue
         if len(pairs) == 1:
-            out.append(f"cannot be told apart: {place(entry)} and {names}: {other['why']}{tell}")
+            listed = alone.setdefault(place(entry), [])
+            listed.append(names)
+            if len(listed) <= _ALIKE:
+                out.append(f"cannot be told apart: {place(entry)} and {names}: {other['why']}{tell}")
             continue
         names = " and ".join(title_of(e["effect"]) for e in other["effects"])
         why = f": {other['why']}" if len({o["why"] for _, o in pairs}) == 1 else ""
         where = list(dict.fromkeys(joint for e, _ in pairs for joint in e["joints"]))
         on = f" on {', '.join(where)}" if where else ""
         out.append(f"cannot be told apart: {title_of(entry['effect'])} and {names}{on}{why}{tell}")
+    for name, others in alone.items():
+        if more := others[_ALIKE:]:
+            out.append(f"cannot be told apart: {name} and {len(more)} more (report.html says why): {'; '.join(more)}")
     return out
 
 

@@ -157,10 +157,9 @@ def _one_cause(named: _Named, free: Sequence[Term], rarer: Sequence[Term]) -> di
     """
     judge = named.judge
     evidence = judge.evidence
-    out: dict[Term, list[dict[str, Any]]] = {term: [] for term in named.terms}
-    found: list[Term] = []
+    found: dict[tuple[Any, ...], tuple[float, Term, list[Term], Array]] = {}
     for cause in (*free, *rarer):
-        special = cause in rarer and any(covers(general, cause) for general in found)
+        special = cause in rarer and any(covers(general, cause) for _, general, _, _ in found.values())
         if special or evidence.acts(cause).sum() < 2:
             continue
         reading = cause.joint is None and cause.family().changes_reading
@@ -168,10 +167,15 @@ def _one_cause(named: _Named, free: Sequence[Term], rarer: Sequence[Term]) -> di
         if len(own) < 2:
             continue
         rest = [t for t in named.terms if t not in own]
-        growth = named.as_good(evidence.held([*rest, cause], evidence.constrained([*rest, cause])))
+        held = evidence.held([*rest, cause], evidence.constrained([*rest, cause]))
+        growth = named.as_good(held)
         if growth is None or cause in impossible(judge, [*rest, cause]):
             continue
-        found.append(cause)
+        # Of one cause in several settings the one that predicts best is told.
+        if cause.place not in found or held.score < found[cause.place][0]:
+            found[cause.place] = held.score, cause, own, growth
+    out: dict[Term, list[dict[str, Any]]] = {term: [] for term in named.terms}
+    for _, cause, own, growth in found.values():
         places = " and ".join(t.effect + _of_joint(evidence, t) for t in own)
         why = f"{INSTEAD}{places}: {_why(growth, same=False)}"
         for term in own:

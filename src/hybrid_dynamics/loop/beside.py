@@ -30,9 +30,9 @@ from hybrid_dynamics.loop.trace import ACCEPTED, Judge, all_links_of, covers, ha
 
 #: Size that such a torque is expected within, as a share of the root mean square of the joint's torque.
 EXPECTED = 0.1
-#: Links are expected within one of these shares of what is plausible of them (half their mass): a quarter of their
-#: mass, as in a description made from drawings, or a twentieth, as in one that was identified. Held-out rows choose.
-LINKS_WITHIN = (0.5, 0.1)
+#: Links are expected within one of these shares of what is plausible of them (half their mass): from a quarter of their
+#: mass, as in a description made from drawings, to a fortieth, as in one that was identified. Held-out rows choose.
+LINKS_WITHIN = (0.5, 0.25, 0.1, 0.05)
 #: A coefficient of so small a share of what it is held within is none.
 NOTHING = 1e-3
 

@@ -18,8 +18,9 @@ from hybrid_dynamics.loop.contact import pushed_in_tests
 from hybrid_dynamics.loop.describe import describe_result
 from hybrid_dynamics.loop.diagnosis import Diagnosis, predict_run
 from hybrid_dynamics.loop.everything import better_with_everything
-from hybrid_dynamics.loop.find import Found, find, with_contacts
+from hybrid_dynamics.loop.find import find, with_contacts
 from hybrid_dynamics.loop.floor import Floor, examine
+from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import as_found, as_mounted, held_upright
 from hybrid_dynamics.loop.placeholders import with_unmatched, without_placeholders

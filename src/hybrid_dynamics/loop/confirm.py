@@ -18,7 +18,7 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop import known
 from hybrid_dynamics.loop.beside import all_beside
 from hybrid_dynamics.loop.diagnosis import predict_run
-from hybrid_dynamics.loop.find import Found
+from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.held_still import asks_too_much
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run

@@ -18,8 +18,8 @@ from hybrid_dynamics.loop.confirm import Confirmation, TestChange
 from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rms_in_motion, rounded, verdict_of
 from hybrid_dynamics.loop.everything import Everything
 from hybrid_dynamics.loop.extrapolation import extrapolation
-from hybrid_dynamics.loop.find import Found
 from hybrid_dynamics.loop.floor import Floor
+from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.identifiability import inconsistent, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.mounting import turned_by

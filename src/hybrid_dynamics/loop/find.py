@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term
-from hybrid_dynamics.loop.augment import effects_of, model_of, refit
+from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.balanced import balanced
 from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.contact import named as named_contacts
 from hybrid_dynamics.loop.contact import run_by_run, worse_with
 from hybrid_dynamics.loop.contact import wanted as wanted_contact
-from hybrid_dynamics.loop.floor import difference_floor
 from hybrid_dynamics.loop.forms import choose_forms
+from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.further import (
     at_the_end,
     further_candidates,
@@ -30,7 +30,6 @@ from hybrid_dynamics.loop.known import known_and_beside
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.narrow import narrowed
-from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.partner import notes_of, partner_open
 from hybrid_dynamics.loop.prepare import Logs
@@ -40,74 +39,16 @@ from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.signs import choose_signs
 from hybrid_dynamics.loop.slow_sign import slow_signs
-from hybrid_dynamics.loop.tangents import published_covariance
-from hybrid_dynamics.loop.trace import LEFT, Judge, has_all_links, same_place
-from hybrid_dynamics.loop.weighing import weighed_by
+from hybrid_dynamics.loop.trace import LEFT, Judge, covers, same_place
+from hybrid_dynamics.loop.weighing import lower_floor, weighed_by
 from hybrid_dynamics.loop.widen import widened
-from hybrid_dynamics.types import Array
 
-#: Floors that turn out lower by this factor ask for another look, so often at most.
-MUCH, MOST_WEIGHINGS = 1.3, 2
+#: So often at most floors that turn out lower ask for another look.
+MOST_WEIGHINGS = 2
 #: A joint outweighs the others where it leaves so many times as many of its floors as another.
 LOUD = 2.0
 #: So often at most others are asked after something has been let go of.
 MOST_RETURNS = 2
-
-
-@dataclass(frozen=True)
-class Found:
-    """``terms`` and their coordinates ``x``; ``inconsistent``: those whose parameters differ between runs; ``steps``;
-    ``judge`` as it weighed the joints in the end; ``beside``: estimated beside these, and no finding (:mod:`.beside`);
-    ``start``: the model that is completed (the search may have begun from one whose base is turned, :mod:`.mounting`);
-    ``contacts``: effects of a moment (:mod:`.contact`), which stand last in every model."""
-
-    terms: list[Term]
-    x: Array
-    inconsistent: list[Term]
-    steps: list[Step]
-    notes: list[str]
-    judge: Judge
-    start: Model
-    beside: list[Term] = field(default_factory=list)
-    contacts: list[Effect] = field(default_factory=list)
-
-    def effects(self, covariance: bool = True) -> list[Effect]:
-        """With published parameters and standard errors."""
-        evidence = self.judge.evidence
-        own = published_covariance(evidence, self.terms, self.x) if covariance else None
-        return effects_of(evidence, self.terms, self.x, own)
-
-    def named(self, full: Model) -> list[Effect]:
-        """Of ``full``, the model of all :attr:`terms`, their effects in their order."""
-        added = full.effects[len(self.start.effects) : len(full.effects) - len(self.contacts)]
-        return [e for e in added if e.is_finding]
-
-    def model(self, terms: Sequence[Term], covariance: bool = True) -> Model:
-        """The completed model with ``terms`` of these alone: re-fitted, but where runs disagree.
-
-        Its effects are those of ``terms`` in their order, then what stands ``beside`` them.
-        """
-        return self.start.adding([*self._laws(terms, covariance), *self.contacts])
-
-    def steps_to(self, full: Model) -> list[Model]:
-        """The models after each finding, from the start to ``full``."""
-        laws = [self.start.adding(self._laws(self.terms[: k + 1], False)) for k in range(len(self.terms))]
-        last = len(full.effects) - len(self.contacts)
-        moments = [Model(full.robot, full.effects[: last + k + 1]) for k in range(len(self.contacts))]
-        models = [self.start, *laws, *moments]
-        models[-1] = full
-        return models
-
-    def _laws(self, terms: Sequence[Term], covariance: bool) -> Sequence[Effect]:
-        """Effects of ``terms``, re-fitted, and what stands beside them."""
-        if not terms:
-            return []
-        if self.inconsistent:
-            return [e for s, e in zip(self.terms, self.effects(covariance), strict=True) if s in terms]
-        lacks_links = has_all_links(self.terms) and not has_all_links(terms)
-        beside = [t for t in self.beside if not (lacks_links and t.family().like_weight)]
-        evidence = self.judge.evidence
-        return model_of(evidence, [*terms, *beside], covariance).effects[len(evidence.base.effects) :]
 
 
 def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None], start: Model | None = None) -> Found:
@@ -123,7 +64,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     looked = len({s.place for s in candidates})
     judge, chosen, steps = _both_ends(judge, candidates, report)
     for _ in range(MOST_WEIGHINGS):
-        judge, lower = _lower_floor(judge, chosen)
+        judge, lower = lower_floor(judge, chosen)
         if lower is None:
             break
         judge, further = search(weighed_by(judge, lower), candidates, report, chosen)
@@ -178,17 +119,68 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         steps += further
     if chosen != bodies:
         judge, chosen = without_noise(judge, chosen, sure=True)
-    unknown = partner_open(judge, chosen)
-    if lost := [*impossible(judge, chosen), *balanced(judge, chosen), *unknown]:
-        # It could be when it was named, and no longer can beside what came in since.
-        rest = [t for t in chosen if t not in lost]
-        others = [c for c in candidates if not any(same_place(c, t) for t in lost)]
-        judge, chosen = without_noise(*complete(judge, rest, others, common))
+    judge, chosen, candidates, unknown = _possible(judge, chosen, candidates, common)
     judge, chosen = with_rest(*one_for_two(judge, chosen))
     chosen = [*given, *(t for t in chosen if t not in given)]
-    judge, chosen, beside = known_and_beside(judge.adding(given), chosen, candidates, unsure, given)
-    fitted = refit(judge.evidence, chosen)
-    return Found(chosen, fitted.x, [], steps, notes_of(unknown, judge.evidence.robot.joint_names), judge, start, beside)
+    judge = judge.adding(given)
+    for left in reversed(range(1 + MOST_RETURNS)):
+        there, known, beside = known_and_beside(judge, chosen, candidates, unsure, given)
+        lost = _missed(judge, chosen, there, known, beside) if left else []
+        if not lost:
+            break
+        candidates = [c for c in candidates if not any(same_place(c, t) for t in lost)]
+        rest = [t for t in chosen if t not in lost]
+        judge, chosen, further, partners = _without(judge, rest, candidates, looked, report)
+        chosen = [*given, *(t for t in chosen if t not in given)]
+        steps, unknown = [*steps, *further], unknown | partners
+    fitted = refit(there.evidence, known)
+    return Found(known, fitted.x, [], steps, notes_of(unknown, judge.evidence.robot.joint_names), there, start, beside)
+
+
+def _possible(
+    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], common: Collection[str]
+) -> tuple[Judge, list[Term], list[Term], dict[Term, list[str]]]:
+    """``chosen`` without what cannot be, completed anew, the judge there, ``candidates`` without it, and the couplings
+    whose partner is open with who it could be.
+
+    It could be when it was named, and no longer can beside what came in since.
+    """
+    unknown = partner_open(judge, chosen)
+    lost = [*impossible(judge, chosen), *balanced(judge, chosen), *unknown]
+    if not lost:
+        return judge, list(chosen), list(candidates), unknown
+    rest = [t for t in chosen if t not in lost]
+    others = [c for c in candidates if not any(same_place(c, t) for t in lost)]
+    return *without_noise(*complete(judge, rest, others, common)), others, unknown
+
+
+def _missed(
+    judge: Judge, chosen: Sequence[Term], there: Judge, known: Sequence[Term], beside: Sequence[Term]
+) -> list[Term]:
+    """What of ``chosen``, at ``judge``, is not ``known`` (nor in a plainer form) and not what every joint has, where
+    held-out rows miss it in what is ``there`` with all that stands ``beside``.
+
+    It may have balanced what stays, which then is wrong by all of it.
+    """
+    rare = [t for t in chosen if not t.family().everywhere]
+    lost = [t for t in rare if not any(same_place(t, k) or covers(t, k) for k in known)]
+    after, before = (
+        j.evidence.held(terms, physical=True) for j, terms in ((there, [*known, *beside]), (judge, chosen))
+    )
+    return [] if there.as_good(after, before) else lost
+
+
+def _without(
+    judge: Judge, rest: Sequence[Term], candidates: Sequence[Term], looked: int, report: Callable[[Step], None]
+) -> tuple[Judge, list[Term], list[Step], dict[Term, list[str]]]:
+    """``rest`` asked anew among ``candidates``, once something that it was found beside is gone: the judge there, that,
+    the steps, and the couplings whose partner is open."""
+    judge, trial, steps = _refined(judge, rest, candidates, report)
+    judge, trial = _in_simplest_form(judge, trial, candidates)
+    judge, trial, common, further = keep_sure(judge, trial, looked, report)
+    judge, trial = without_noise(*complete(judge, trial, candidates, common), sure=True)
+    judge, trial, _, unknown = _possible(judge, trial, candidates, common)
+    return judge, trial, [*steps, *further], unknown
 
 
 def with_contacts(found: Found, logs: Logs) -> Found:
@@ -328,7 +320,7 @@ def _with_the_rest(
         steps += further
         # A way of many steps, each as good as the one before, may end far below where it began.
         judge, chosen = choose([(there, found), (judge, chosen)])
-        judge, lower = _lower_floor(judge, chosen) if left else (judge, None)
+        judge, lower = lower_floor(judge, chosen) if left else (judge, None)
         if lower is None:
             break
         judge = weighed_by(judge, lower)
@@ -352,20 +344,6 @@ def beside_loud(
     there, found, steps = _refined(quiet, chosen, candidates, report)
     quiet, found = choose([(there, found), (quiet, list(chosen))])
     return quiet, found, steps
-
-
-def _lower_floor(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, Array | None]:
-    """Floors (n,) after ``chosen`` has been added, where one of them is much lower than before, else None; and the
-    judge there."""
-    fitted = refit(judge.evidence, chosen)
-    evidence, x = fitted.evidence, fitted.x
-    held = np.sqrt(judge.mean_square(evidence.held(chosen, physical=True)))
-    low = difference_floor(evidence.runs, evidence.residuals(chosen, x), evidence.mask)
-    rich = np.minimum(noise_floor(evidence, chosen, x), held)
-    lower = np.minimum(judge.floor, np.maximum(rich, low))
-    seen = judge.floor > 0
-    lower = np.where(seen, np.maximum(lower, judge.settings.resolution * np.sqrt(judge.torque_variance)), 0.0)
-    return judge.over(evidence), lower if np.any(seen & (lower < judge.floor / MUCH)) else None
 
 
 def _drop_guesses(judge: Judge, chosen: list[Term]) -> tuple[Judge, list[Term]]:

@@ -57,6 +57,8 @@ MOST_LOSS = 0.1
 LEFT = 0.25
 #: A gain of this many standard errors is no accident, wherever it shows.
 DECISIVE = 3.0
+#: Below this share of the squares that two models leave their difference is the rounding of sums and of fits.
+ROUNDING = 1e-9
 #: A gain this many times as sure and as large as is asked for is so with bodies held physical, too.
 BY_FAR = 3.0
 #: The reason that stands beside a candidate that comes in.
@@ -133,7 +135,9 @@ class Judge:
         gain = old.joint_errors - new.joint_errors
         error, blocks = block_error(cross @ weights, self.evidence.blocks.run)
         per_joint = gain / np.maximum(self.evidence.samples, 1)
-        return Gain(float(gain @ weights), 2.0 * error, np.asarray(per_joint), blocks)
+        # Laws that make the same torque differ by rounding, on each processor by another: that is never sure.
+        rounding = ROUNDING * float((old.joint_errors + new.joint_errors) @ weights)
+        return Gain(float(gain @ weights), max(2.0 * error, rounding), np.asarray(per_joint), blocks)
 
     def news(self, new: Held, old: Held) -> Gain:
         """:meth:`gain` on the joints where that is more than the starting model, or the recorded torque by its steps,

@@ -13,9 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.floor import difference_floor
+from hybrid_dynamics.loop.noise import noise_floor
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.types import Array
 
+#: Floors that turn out lower by this factor ask for another look.
+MUCH = 1.3
 #: Times that joints are weighed anew by what the last fit left: as often as the baseline's are.
 REWEIGHTINGS = 2
 
@@ -23,6 +28,20 @@ REWEIGHTINGS = 2
 def weighed_by(judge: Judge, floor: Array) -> Judge:
     """``judge`` for whom ``floor`` (n,) [N m] is the floor, and who weighs joints by it."""
     return replace(judge, floor=floor, evidence=judge.evidence.weigh(floor))
+
+
+def lower_floor(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, Array | None]:
+    """Floors (n,) after ``chosen`` has been added, where one of them is much lower than before, else None; and the
+    judge there."""
+    fitted = refit(judge.evidence, chosen)
+    evidence, x = fitted.evidence, fitted.x
+    held = np.sqrt(judge.mean_square(evidence.held(chosen, physical=True)))
+    low = difference_floor(evidence.runs, evidence.residuals(chosen, x), evidence.mask)
+    rich = np.minimum(noise_floor(evidence, chosen, x), held)
+    lower = np.minimum(judge.floor, np.maximum(rich, low))
+    seen = judge.floor > 0
+    lower = np.where(seen, np.maximum(lower, judge.settings.resolution * np.sqrt(judge.torque_variance)), 0.0)
+    return judge.over(evidence), lower if np.any(seen & (lower < judge.floor / MUCH)) else None
 
 
 def counting_by(judge: Judge, left: Array) -> Judge:
