@@ -224,6 +224,21 @@ def test_of_a_name_that_much_could_stand_for_the_rest_is_told_by_name():
     assert [line for line in details(value) if "told apart" in line] == told[:3]
 
 
+def test_a_cause_in_the_place_of_several_is_not_told_where_one_of_them_is_gone():
+    value = diagnosis()
+    effect = value.pop("effect")
+    why = "in the place of torque_offset of a and torque_offset of b: held-out error grows by at most 0.1 %"
+    tilt = {"effects": [{"effect": "gravity_tilt", "joints": []}], "why": why, "motion_that_would_tell": "Turn."}
+    value["effects"] = [
+        effect("torque_offset", [j], ("offset", 1.0, "N m")) | {"indistinguishable_from": [tilt], "confirmed": j == "a"}
+        for j in ("a", "b")
+    ]
+    assert not any("told apart" in line for line in details(value))
+    # Control: both in the model.
+    value["effects"][1]["confirmed"] = True
+    assert sum("told apart" in line for line in details(value)) == 1
+
+
 def test_what_is_not_in_the_model_is_not_compared_with_anything():
     value = diagnosis()
     effect = value.pop("effect")

@@ -60,10 +60,22 @@ def test_what_nothing_misses_goes_and_the_rest_stays() -> None:
     spring = SPRING.term(ROBOT)
     dry = next(t for t in terms if t.effect == "coulomb_friction" and t.joint == 0)
     judge = judge.adding([spring]).at([dry, spring])
-    assert _missed(judge, [dry, spring], judge.at([dry]), [dry], []) == []
+    assert _missed(judge, [dry, spring], [dry], []) == []
     # Friction is estimated beside the names by another rule, however much it is missed.
-    assert _missed(judge, [dry, spring], judge.at([spring]), [spring], []) == []
-    # The control: a spring that is there.
+    assert _missed(judge, [dry, spring], [spring], []) == []
+    # The control: a spring that is there, and nothing beside the rest that stands for it.
     judge, _ = judged(FRICTION, SPRING)
     judge = judge.adding([spring]).at([dry, spring])
-    assert _missed(judge, [dry, spring], judge.at([dry]), [dry], []) == [spring]
+    assert _missed(judge, [dry, spring], [dry], []) == [spring]
+    assert _missed(judge, [dry, spring], [dry], [spring]) == []
+
+
+@pytest.mark.parametrize(("off", "missed"), [(0.2, True), (0.005, False)])
+def test_a_cause_that_moves_the_linearisation_is_missed_by_what_it_makes(off: float, missed: bool) -> None:
+    """The place of a link's mass: predictions of two linearisations had been compared, with errors a hundred times."""
+    hidden = Effect("position_offset", (ELBOW,), {"offset": off})
+    judge, terms = judged(FRICTION, hidden)
+    turned = next(t for t in [*terms, hidden.term(ROBOT)] if t.effect == "position_offset" and t.joint == 1)
+    dry = next(t for t in terms if t.effect == "coulomb_friction" and t.joint == 0)
+    judge = judge.adding([turned]).at([dry, turned])
+    assert (_missed(judge, [dry, turned], [dry], []) == [turned]) is missed

@@ -346,3 +346,16 @@ def test_a_replacement_says_what_went_and_what_came() -> None:
 
 def test_runs_bear_their_files_names() -> None:
     assert [run_title(n) for n in ("test:run_3", "train:a", "plain")] == ["run_3", "a", "plain"]
+
+
+def test_a_number_that_is_rounding_is_nothing_and_small_ones_are_what_they_are():
+    assert [words.number(value) for value in (4.494e-20, -2e-17, 0.0, 2.03e-8, -1.5)] == [
+        "0",
+        "0",
+        "0",
+        "2.03e-08",
+        "-1.5",
+    ]
+    assert words.with_error(-1.763e-19, None, "kg m^2").startswith("0 ")
+    assert words.number(float("nan")) == "nan"
+    assert words.number(None) == "–"

@@ -171,8 +171,12 @@ def _alike(effects: Sequence[Entry]) -> list[str]:
     could stand for several of them in one; of a name that much could stand for the rest by name. Of what is not in the
     model nothing: it is no answer."""
     groups: dict[tuple[str, ...], list[tuple[Entry, Mapping[str, Any]]]] = {}
+    gone = {other["why"] for e in effects if not confirmed(e) for other in e.get("indistinguishable_from", [])}
     for entry in filter(confirmed, effects):
         for other in entry.get("indistinguishable_from", []):
+            # One cause in the place of several of which one is gone stands for none of them.
+            if other["why"].startswith(INSTEAD) and other["why"] in gone:
+                continue
             own = all(e.get("joints") == entry.get("joints") for e in other["effects"])
             kinds = tuple(e["effect"] for e in other["effects"])
             key = (entry["effect"], *kinds) if own else (str(id(other)),)
@@ -180,7 +184,7 @@ def _alike(effects: Sequence[Entry]) -> list[str]:
                 key = (other["why"], *map(place, other["effects"]))
             groups.setdefault(key, []).append((entry, other))
     out = []
-    alone: dict[str, list[str]] = {}
+    alone: dict[int, tuple[str, list[str]]] = {}
     for pairs in groups.values():
         entry, other = pairs[0]
         tells = (other.get("motion_that_would_tell") or "").rstrip(".")
@@ -191,7 +195,7 @@ def _alike(effects: Sequence[Entry]) -> list[str]:
             out.append(f"cannot be told apart: {names}, {other['why']}{tell}")
             continue
         if len(pairs) == 1:
-            listed = alone.setdefault(place(entry), [])
+            _, listed = alone.setdefault(id(entry), (place(entry), []))
             listed.append(names)
             if len(listed) <= _ALIKE:
                 out.append(f"cannot be told apart: {place(entry)} and {names}: {other['why']}{tell}")
@@ -201,7 +205,7 @@ def _alike(effects: Sequence[Entry]) -> list[str]:
         where = list(dict.fromkeys(joint for e, _ in pairs for joint in e["joints"]))
         on = f" on {', '.join(where)}" if where else ""
         out.append(f"cannot be told apart: {title_of(entry['effect'])} and {names}{on}{why}{tell}")
-    for name, others in alone.items():
+    for name, others in alone.values():
         if more := others[_ALIKE:]:
             out.append(f"cannot be told apart: {name} and {len(more)} more (report.html says why): {'; '.join(more)}")
     return out

@@ -157,7 +157,7 @@ def _one_cause(named: _Named, free: Sequence[Term], rarer: Sequence[Term]) -> di
     """
     judge = named.judge
     evidence = judge.evidence
-    found: dict[tuple[Any, ...], tuple[float, Term, list[Term], Array]] = {}
+    found: dict[tuple[Any, ...], tuple[tuple[int, float], Term, list[Term], Array]] = {}
     for cause in (*free, *rarer):
         special = cause in rarer and any(covers(general, cause) for _, general, _, _ in found.values())
         if special or evidence.acts(cause).sum() < 2:
@@ -171,9 +171,10 @@ def _one_cause(named: _Named, free: Sequence[Term], rarer: Sequence[Term]) -> di
         growth = named.as_good(held)
         if growth is None or cause in impossible(judge, [*rest, cause]):
             continue
-        # Of one cause in several settings the one that predicts best is told.
-        if cause.place not in found or held.score < found[cause.place][0]:
-            found[cause.place] = held.score, cause, own, growth
+        # Of one cause in several settings the one that stands for most is told, and of these what predicts best.
+        rank = -len(own), held.score
+        if cause.place not in found or rank < found[cause.place][0]:
+            found[cause.place] = rank, cause, own, growth
     out: dict[Term, list[dict[str, Any]]] = {term: [] for term in named.terms}
     for _, cause, own, growth in found.values():
         places = " and ".join(t.effect + _of_joint(evidence, t) for t in own)

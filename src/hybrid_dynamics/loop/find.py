@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,7 +40,7 @@ from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.signs import choose_signs
 from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.trace import LEFT, Judge, covers, same_place
-from hybrid_dynamics.loop.weighing import lower_floor, weighed_by
+from hybrid_dynamics.loop.weighing import as_left, lower_floor, weighed_by
 from hybrid_dynamics.loop.widen import widened
 
 #: So often at most floors that turn out lower ask for another look.
@@ -49,6 +49,8 @@ MOST_WEIGHINGS = 2
 LOUD = 2.0
 #: So often at most others are asked after something has been let go of.
 MOST_RETURNS = 2
+#: A joint of which so many times as much is left without a cause is wrong by what that had balanced.
+WRONG = 2.0
 
 
 def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None], start: Model | None = None) -> Found:
@@ -92,8 +94,46 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
             split = split.adding(known)
             return Found(merged, x, wholes_of(parts), [*steps, *further], notes, split, start)
     judge, chosen = _drop_guesses(judge, chosen)
-    judge, chosen, common, further = _surely(judge, chosen, candidates, looked, report)
-    steps += further
+    for left in reversed(range(1 + MOST_RETURNS)):
+        judge, chosen, common, further = _surely(judge, chosen, candidates, looked, report)
+        sifted = _sifted(judge, chosen, candidates, common, looked, report)
+        steps += [*further, *sifted.steps]
+        judge, chosen = sifted.judge.adding(given), [*given, *(t for t in sifted.terms if t not in given)]
+        there, known, beside = known_and_beside(judge, chosen, candidates, sifted.unsure, given)
+        lost = _missed(judge, chosen, known, beside) if left else []
+        if not lost:
+            break
+        candidates = [c for c in sifted.candidates if not any(same_place(c, t) for t in lost)]
+        rest = [t for t in chosen if t not in lost and t not in given]
+        judge, chosen, further = _refined(judge, rest, candidates, report)
+        judge, chosen = _in_simplest_form(judge, chosen, candidates)
+        steps += further
+    notes = notes_of(sifted.unknown, judge.evidence.robot.joint_names)
+    return Found(known, refit(there.evidence, known).x, [], steps, notes, there, start, beside)
+
+
+@dataclass(frozen=True)
+class _Sifted:
+    """``terms`` that are there, ``judge`` there and the ``steps``; ``unsure``: what every joint has, too unsure to be
+    named; ``candidates`` without what cannot be; ``unknown``: couplings whose partner is open, with who it could be."""
+
+    judge: Judge
+    terms: list[Term]
+    unsure: list[Term]
+    candidates: list[Term]
+    unknown: dict[Term, list[str]]
+    steps: list[Step]
+
+
+def _sifted(
+    judge: Judge,
+    chosen: Sequence[Term],
+    candidates: Sequence[Term],
+    common: Collection[str],
+    looked: int,
+    report: Callable[[Step], None],
+) -> _Sifted:
+    """``chosen``, that a search surely found, completed by what every joint has, in fewest and plainest causes."""
     judge, chosen = links_for_gain(judge, chosen)
     judge, chosen = complete(judge, chosen, candidates, common)
     judge, kept = without_noise(judge, chosen)
@@ -104,8 +144,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     judge, kept = without_noise(judge, found, sure=True)
     unsure = [t for t in found if t not in kept and t.family().everywhere]
     judge, chosen = widened(judge, kept, candidates)
-    judge, chosen, further = _as_few_bodies(judge, chosen, candidates, looked, report)
-    steps += further
+    judge, chosen, steps = _as_few_bodies(judge, chosen, candidates, looked, report)
     if chosen != kept:
         # What stood beside one body may be nothing beside all of them.
         judge, chosen = without_noise(judge, chosen)
@@ -119,68 +158,32 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         steps += further
     if chosen != bodies:
         judge, chosen = without_noise(judge, chosen, sure=True)
-    judge, chosen, candidates, unknown = _possible(judge, chosen, candidates, common)
-    judge, chosen = with_rest(*one_for_two(judge, chosen))
-    chosen = [*given, *(t for t in chosen if t not in given)]
-    judge = judge.adding(given)
-    for left in reversed(range(1 + MOST_RETURNS)):
-        there, known, beside = known_and_beside(judge, chosen, candidates, unsure, given)
-        lost = _missed(judge, chosen, there, known, beside) if left else []
-        if not lost:
-            break
-        candidates = [c for c in candidates if not any(same_place(c, t) for t in lost)]
-        rest = [t for t in chosen if t not in lost]
-        judge, chosen, further, partners = _without(judge, rest, candidates, looked, report)
-        chosen = [*given, *(t for t in chosen if t not in given)]
-        steps, unknown = [*steps, *further], unknown | partners
-    fitted = refit(there.evidence, known)
-    return Found(known, fitted.x, [], steps, notes_of(unknown, judge.evidence.robot.joint_names), there, start, beside)
-
-
-def _possible(
-    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], common: Collection[str]
-) -> tuple[Judge, list[Term], list[Term], dict[Term, list[str]]]:
-    """``chosen`` without what cannot be, completed anew, the judge there, ``candidates`` without it, and the couplings
-    whose partner is open with who it could be.
-
-    It could be when it was named, and no longer can beside what came in since.
-    """
     unknown = partner_open(judge, chosen)
-    lost = [*impossible(judge, chosen), *balanced(judge, chosen), *unknown]
-    if not lost:
-        return judge, list(chosen), list(candidates), unknown
-    rest = [t for t in chosen if t not in lost]
-    others = [c for c in candidates if not any(same_place(c, t) for t in lost)]
-    return *without_noise(*complete(judge, rest, others, common)), others, unknown
+    others = list(candidates)
+    if lost := [*impossible(judge, chosen), *balanced(judge, chosen), *unknown]:
+        # It could be when it was named, and no longer can beside what came in since.
+        rest = [t for t in chosen if t not in lost]
+        others = [c for c in candidates if not any(same_place(c, t) for t in lost)]
+        judge, chosen = without_noise(*complete(judge, rest, others, common))
+    judge, chosen = with_rest(*one_for_two(judge, chosen))
+    return _Sifted(judge, chosen, unsure, others, unknown, steps)
 
 
-def _missed(
-    judge: Judge, chosen: Sequence[Term], there: Judge, known: Sequence[Term], beside: Sequence[Term]
-) -> list[Term]:
-    """What of ``chosen``, at ``judge``, is not ``known`` (nor in a plainer form) and not what every joint has, where
-    held-out rows miss it in what is ``there`` with all that stands ``beside``.
+def _missed(judge: Judge, chosen: Sequence[Term], known: Sequence[Term], beside: Sequence[Term]) -> list[Term]:
+    """What of ``chosen`` is not ``known`` (nor in a plainer form) and not what every joint has, where the known ones
+    with all that stands ``beside`` surely predict held-out rows worse, a joint :data:`WRONG` times so.
 
-    It may have balanced what stays, which then is wrong by all of it.
+    It may have balanced what stays, which then is wrong by all of it. Both are asked where ``chosen`` stands.
     """
     rare = [t for t in chosen if not t.family().everywhere]
     lost = [t for t in rare if not any(same_place(t, k) or covers(t, k) for k in known)]
-    after, before = (
-        j.evidence.held(terms, physical=True) for j, terms in ((there, [*known, *beside]), (judge, chosen))
-    )
-    return [] if there.as_good(after, before) else lost
-
-
-def _without(
-    judge: Judge, rest: Sequence[Term], candidates: Sequence[Term], looked: int, report: Callable[[Step], None]
-) -> tuple[Judge, list[Term], list[Step], dict[Term, list[str]]]:
-    """``rest`` asked anew among ``candidates``, once something that it was found beside is gone: the judge there, that,
-    the steps, and the couplings whose partner is open."""
-    judge, trial, steps = _refined(judge, rest, candidates, report)
-    judge, trial = _in_simplest_form(judge, trial, candidates)
-    judge, trial, common, further = keep_sure(judge, trial, looked, report)
-    judge, trial = without_noise(*complete(judge, trial, candidates, common), sure=True)
-    judge, trial, _, unknown = _possible(judge, trial, candidates, common)
-    return judge, trial, [*steps, *further], unknown
+    if not lost:
+        return []
+    judge = as_left(judge.at(chosen), chosen).adding([*known, *beside])
+    held = judge.evidence.held
+    after, before = held([*known, *beside], physical=True), held(list(chosen), physical=True)
+    much = np.any(judge.mean_square(after) > WRONG * judge.mean_square(before))
+    return lost if much and not judge.as_good(after, before) else []
 
 
 def with_contacts(found: Found, logs: Logs) -> Found:

@@ -66,9 +66,13 @@ def effort_unit(diagnosis: Diagnosis, joint: str) -> str:
     return unit_at("N m", joint, slides(diagnosis))
 
 
+#: No quantity of a robot, in SI units, is as small.
+_ROUNDING = 1e-15
+
+
 def number(value: float | None, digits: int = 4) -> str:
-    """``value`` with ``digits`` significant digits, – where there is none."""
-    return "–" if value is None else f"{value:.{digits}g}"
+    """``value`` with ``digits`` significant digits, – where there is none; what is nothing but for rounding is 0."""
+    return "–" if value is None else f"{0.0 if abs(value) <= _ROUNDING else value:.{digits}g}"
 
 
 def known(value: float) -> float | None:
