@@ -14,7 +14,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Family, Term, family
 from hybrid_dynamics.loop.further import first_as_good
-from hybrid_dynamics.loop.trace import Judge, same_place
+from hybrid_dynamics.loop.trace import Judge, elsewhere
 
 #: A reading of another joint is re-fitted where it leaves at most this multiple of what the body leaves.
 FAR = 1.5
@@ -34,7 +34,7 @@ def cheaper(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
         if term.joint is None or judge.evidence.in_base(term):
             continue
         rest = [t for t in out if t != term]
-        offered = [c for c in _alike(judge, term) if not any(same_place(c, t) for t in rest)]
+        offered = elsewhere(_alike(judge, term), rest)
         offered = [c for c in offered if judge.price(c) < judge.price(term)]
         if not offered:
             continue

@@ -39,7 +39,7 @@ from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.signs import choose_signs
 from hybrid_dynamics.loop.slow_sign import slow_signs
-from hybrid_dynamics.loop.trace import LEFT, Judge, covers, same_place
+from hybrid_dynamics.loop.trace import LEFT, Judge, covers, elsewhere, same_place
 from hybrid_dynamics.loop.weighing import as_left, lower_floor, weighed_by
 from hybrid_dynamics.loop.widen import widened
 
@@ -103,7 +103,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         lost = _missed(judge, chosen, known, beside) if left else []
         if not lost:
             break
-        candidates = [c for c in sifted.candidates if not any(same_place(c, t) for t in lost)]
+        candidates = elsewhere(sifted.candidates, lost)
         rest = [t for t in chosen if t not in lost and t not in given]
         judge, chosen, further = _refined(judge, rest, candidates, report)
         judge, chosen = _in_simplest_form(judge, chosen, candidates)
@@ -163,7 +163,7 @@ def _sifted(
     if lost := [*impossible(judge, chosen), *balanced(judge, chosen), *unknown]:
         # It could be when it was named, and no longer can beside what came in since.
         rest = [t for t in chosen if t not in lost]
-        others = [c for c in candidates if not any(same_place(c, t) for t in lost)]
+        others = elsewhere(candidates, lost)
         judge, chosen = without_noise(*complete(judge, rest, others, common))
     judge, chosen = with_rest(*one_for_two(judge, chosen))
     return _Sifted(judge, chosen, unsure, others, unknown, steps)
@@ -241,7 +241,7 @@ def _refined(
     judge, steps = search(judge, candidates, report, chosen, replacing)
     judge, found = refine(judge, steps[-1].terms)
     if implausible := _implausible(judge, found):
-        rest = [c for c in candidates if not any(same_place(c, t) for t in implausible)]
+        rest = elsewhere(candidates, implausible)
         judge, further = search(judge, rest, report, [t for t in found if t not in implausible], replacing)
         steps += further
         judge, found = refine(judge, steps[-1].terms)
@@ -266,7 +266,7 @@ def _surely(
     with_all = judge.mean_square(judge.evidence.held(chosen, physical=True))
     judge, kept, common, steps = keep_sure(judge, chosen, looked, report)
     for _ in range(MOST_RETURNS):
-        lost = [s for s in chosen if not any(same_place(s, k) for k in kept)]
+        lost = elsewhere(chosen, kept)
         without = judge.mean_square(judge.evidence.held(kept, physical=True))
         missed = without > with_all + LEFT * judge.floor**2
         if all(s.family().everywhere for s in lost) or not missed.any():

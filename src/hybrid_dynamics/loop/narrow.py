@@ -17,7 +17,7 @@ from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.further import like_a_body
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge, all_links_of, same_place
+from hybrid_dynamics.loop.trace import Judge, all_links_of, elsewhere
 from hybrid_dynamics.loop.widen import BELIEVED, BETTER, beyond_belief, too_few
 
 #: So many causes may stand in the place of all links, where they cost less; larger groups are made of so many that
@@ -40,7 +40,7 @@ def narrowed(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = 
     if links is None:
         return judge, list(chosen)
     rest = [t for t in chosen if t != links]
-    causes, parts = ([c for c in some if not any(same_place(c, t) for t in rest)] for some in _offered(judge))
+    causes, parts = (elsewhere(some, rest) for some in _offered(judge))
     judge = judge.adding([*causes, *parts]).at(chosen)
     judge, beside = beside_links(judge, chosen)
     for held in _by_size(judge.evidence, rest, causes, parts):

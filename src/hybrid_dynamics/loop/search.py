@@ -19,7 +19,7 @@ from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, Likeness, pairs
 from hybrid_dynamics.loop.pairs import pair_on_a_joint
-from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Judge, covers, joined, rank, same_place
+from hybrid_dynamics.loop.trace import DECISIVE, Candidate, Judge, covers, elsewhere, joined, rank, same_place
 
 #: An effect that was dropped this often is left alone.
 MOST_DROPS = 2
@@ -275,7 +275,7 @@ def _lighter(
     evidence = judge.evidence
     layout = evidence.layout(current)
     x = evidence.fit(current)
-    free = [c for c in candidates if not any(same_place(c, s) for s in current)]
+    free = elsewhere(candidates, current)
     best: tuple[float, list[Term]] | None = None
     for term, start in zip(layout.terms, layout.starts, strict=True):
         size = term.size

@@ -72,6 +72,11 @@ def same_place(a: Term, b: Term) -> bool:
     return a.place == b.place
 
 
+def elsewhere(terms: Iterable[Term], others: Sequence[Term]) -> list[Term]:
+    """Those of ``terms`` that have the place of none of ``others``."""
+    return [t for t in terms if not any(same_place(t, o) for o in others)]
+
+
 @dataclass(frozen=True)
 class Gain:
     """What a change of the model is worth on held-out samples: ``total`` and its standard error ``error``, weighted
