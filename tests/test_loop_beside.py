@@ -412,5 +412,5 @@ def test_what_comes_in_that_place_makes_no_joint_worse_than_it_began(monkeypatch
 
         monkeypatch.setattr(confirm_module, "test_change", asked)
         runs = judge.evidence.runs
-        other = confirm_module._filled(judge, base, found, [right], model, runs, terms)
+        _, other = confirm_module._filled(judge, base, found, [right], model, runs, terms)
         assert (other is not model) == taken

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.effects.inertial_parameters import LINKS
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop import known as known_module
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.beside import LINKS_WITHIN, all_beside
+from hybrid_dynamics.loop.beside import LINKS_WITHIN, all_beside, links_too
 from hybrid_dynamics.loop.confirm import confirm
 from hybrid_dynamics.loop.describe import _beside, _estimated
 from hybrid_dynamics.loop.diagnosis import errors_of
@@ -24,7 +26,7 @@ from hybrid_dynamics.loop.known import with_links
 from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import Run
-from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.trace import Gain, Judge
 from hybrid_dynamics.simulation.excitation import excitations
 
 ROBOT = arm()
@@ -111,17 +113,45 @@ def test_a_link_that_is_named_is_not_estimated_again() -> None:
     assert held_links(beside(judge.at([*named, *every]), [*named, *every], candidates)[1]) == []
 
 
-def test_links_that_would_leave_nothing_known_of_a_name_stay_away() -> None:
-    """All links heavier by as much, and the shoulder's torque read too large: a gain looks like them."""
+@pytest.mark.parametrize(("missed", "goes"), [(1.9, True), (2.1, False)])
+def test_a_name_that_is_sure_only_of_links_exactly_as_described_goes(
+    monkeypatch: pytest.MonkeyPatch, missed: float, goes: bool
+) -> None:
+    """All links are heavier, and a gain of the shoulder is named: its torque grows as well. Where held-out rows surely
+    miss it, ``missed`` standard errors, it stays and the links are left alone."""
     judge, candidates, _, named = judged([heavier_links(0.15), *FRICTION])
-    gain = Term("torque_gain", None)
+    gain = Term("torque_gain", 0)
     judge = judge.adding([gain]).at([*named, gain])
-    # Nothing else is off, so what the gain leaves is little; at another floor something is left to find.
-    assert held_links(beside(judge, [*named, gain], candidates)[1]) == []
-    lower = replace(judge, floor=1e-3 * judge.floor)
-    assert held_links(beside(lower, [*named, gain], candidates)[1]) == []
-    # Control: without the gain among the names they come in.
-    assert held_links(beside(replace(judge.at(named), floor=lower.floor), named, candidates)[1])
+    # The shoulder's gain leaves little of that joint; at another floor something is left to find.
+    judge, plain = all_beside(replace(judge, floor=1e-3 * judge.floor), [*named, gain], candidates)
+    near = links_too(judge, [*named, gain, *plain], candidates)
+    assert held_links(near[1])
+
+    def nothing_is_known_of_it(_: Judge, names: list[Term], __: object, fixed: Sequence[Term]) -> Term | None:
+        return gain if gain in names and gain not in fixed else None
+
+    loss = Gain(missed, 1.0, np.zeros(2), 10)
+    monkeypatch.setattr(known_module, "_least_known", nothing_is_known_of_it)
+    monkeypatch.setattr(known_module, "links_too", lambda *_: near)
+    monkeypatch.setattr(Judge, "gain", lambda *_: loss)
+    _, kept, out = with_links(judge, [*named, gain], plain, candidates, ())
+    assert kept == (named if goes else [*named, gain])
+    assert bool(held_links(out)) is goes
+    # Control: what is fixed is never asked, and the links stand beside it.
+    _, kept, out = with_links(judge, [*named, gain], plain, candidates, [gain])
+    assert kept == [*named, gain]
+    assert held_links(out)
+
+
+@pytest.mark.parametrize(("errors", "stand_beside"), [(1.9, True), (2.1, False)])
+def test_held_out_rows_are_heard_against_links_only_where_they_are_sure(
+    monkeypatch: pytest.MonkeyPatch, errors: float, stand_beside: bool
+) -> None:
+    """The names were chosen on the same rows, with the links as they are described."""
+    judge, candidates, _, named = judged([heavier_links(0.15), *FRICTION])
+    loss = Gain(errors, 1.0, np.zeros(2), 10)
+    monkeypatch.setattr(Judge, "gain", lambda *_: loss)
+    assert bool(links_too(judge, named, candidates)[1]) is stand_beside
 
 
 def test_links_of_a_starting_model_stay_and_without_names_nothing_is_estimated() -> None:

@@ -33,6 +33,8 @@ EXPECTED = 0.1
 #: Links are expected within one of these shares of what is plausible of them (half their mass): from a quarter of their
 #: mass, as in a description made from drawings, to a fortieth, as in one that was identified. Held-out rows choose.
 LINKS_WITHIN = (0.5, 0.25, 0.1, 0.05)
+#: Standard errors by which held-out rows must be worse with them for the links to be left as they are described.
+SURELY = 2.0
 #: A coefficient of so small a share of what it is held within is none.
 NOTHING = 1e-3
 
@@ -65,11 +67,13 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
 
 def links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """The links of which ``model`` has no body, held near the starting model's, where something is left to find on most
-    joints and held-out rows show that they are off, on no joint the other way; and the judge who has their columns.
+    joints; and the judge who has their columns.
 
     What the links are off by is too little, or too alike to something else, to be a name: too short a log. A model that
-    leaves the links as they are said to be is wrong by all of it. Those that a starting model has found or guessed are
-    left as they are: links do not change.
+    leaves the links as they are said to be is wrong by all of it. Held-out rows choose how near, and against links at
+    all they are heard only where they are sure: ``model`` was chosen on the same rows with the links as described, and
+    parts of one run move too much alike to say what another motion asks of links. Those that a starting model has found
+    or guessed are left as they are: links do not change.
     """
     links = all_links_of(candidates)
     robot, started = judge.evidence.robot, judge.evidence.base.effects
@@ -80,15 +84,17 @@ def links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -
     held = judge.evidence.held(list(model), physical=True)
     if not rest or not judge.mostly_left(held):
         return judge, []
-    best, found = held, (judge, list[Term]())
+    trials = []
     for share in LINKS_WITHIN:
         near = replace(links, settings=tuple(sorted({**links.options, LINKS: rest, HELD: share}.items())))
         there = judge.adding([near])
         after = there.evidence.held([*model, near], physical=True)
-        # No name: what shows of a gain is enough, as for all that every arm has.
-        if after.score < best.score and there.gain(after, held).surer_than(1.0) and there.spares(after, held):
-            best, found = after, (there, [near])
-    return found
+        if not there.gain(held, after, after).surer_than(SURELY):
+            trials.append((after.score, share, there, near))
+    if not trials:
+        return judge, []
+    *_, there, near = min(trials, key=lambda t: t[:2])
+    return there, [near]
 
 
 def plain_beside(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:

@@ -19,6 +19,7 @@ from hybrid_dynamics.loop import known
 from hybrid_dynamics.loop.beside import all_beside
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.found import Found
+from hybrid_dynamics.loop.guessed import without_wrong
 from hybrid_dynamics.loop.held_still import asks_too_much
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
@@ -87,6 +88,7 @@ class Confirmation:
     model: Model
     unknown: tuple[Term, ...] = ()
     at_rest: tuple[Term, ...] = ()
+    guesses: tuple[Term, ...] = ()
 
 
 def confirm(
@@ -135,10 +137,20 @@ def confirm(
         unknown.append(lost)
         model = without
     refused += unknown
+    own = found
     if refused:
-        model = _filled(judge, base, found, kept, model, tests, candidates)
+        own, model = _filled(judge, base, found, kept, model, tests, candidates)
+    model, guesses = without_wrong(
+        own,
+        kept,
+        model,
+        lambda m: _ends_worse(judge, base, m, tests),
+        lambda m: np.sum([np.sum(e**2, axis=0) for e in moving_errors(m, tests)], axis=0),
+        PRACTICAL,
+    )
     inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]
-    return Confirmation(changes, tuple(refused), model.with_inactive(inactive), tuple(unknown), tuple(at_rest))
+    model = model.with_inactive(inactive)
+    return Confirmation(changes, tuple(refused), model, tuple(unknown), tuple(at_rest), tuple(guesses))
 
 
 def _without(found: Found, kept: Sequence[Term], term: Term) -> Model:
@@ -164,12 +176,12 @@ def _filled(
     model: Model,
     tests: Sequence[Run],
     candidates: Sequence[Term],
-) -> Model:
+) -> tuple[Found, Model]:
     """``model`` of the ``kept`` names with what stands beside these, which is not what stood beside all, and nothing
-    that is refused; ``model`` itself where the test runs are not predicted better so, or a joint ends worse than in
-    ``base`` that did not."""
+    that is refused, and what was found as that; ``model`` itself where the test runs are not predicted better so, or a
+    joint ends worse than in ``base`` that did not."""
     if found.inconsistent or not kept:
-        return model
+        return found, model
     refused = [t for t in found.terms if t not in kept]
     # Links that a refused body is one of are not guessed in its place.
     offered = [
@@ -179,11 +191,12 @@ def _filled(
     judge, beside = all_beside(judge.at(kept), kept, offered, unsure)
     beside = [t for t in beside if not any(same_place(t.as_finding, r) for r in refused)]
     judge, _, beside = known.with_links(judge, kept, beside, offered, kept)
-    other = replace(found, terms=list(kept), judge=judge, beside=beside).model(kept)
+    filled = replace(found, terms=list(kept), judge=judge, beside=beside)
+    other = filled.model(kept)
     # Of these nobody was sure: what shows of a loss is enough.
     ends = [test_change(judge, tests, m, base, 1).per_joint > WORSE for m in (other, model)]
     better = test_change(judge, tests, other, model, 1).relative < 0
-    return other if better and not np.any(ends[0] & ~ends[1]) else model
+    return (filled, other) if better and not np.any(ends[0] & ~ends[1]) else (found, model)
 
 
 def _helps_its_joint(term: Term, change: TestChange) -> bool:

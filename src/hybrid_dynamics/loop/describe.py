@@ -99,6 +99,11 @@ def describe_result(
     unsure, alike = _beside(added)
     lines += _estimated("beside all links, which can look the same", alike, robot.prismatic)
     lines += _estimated("beside what is named, too unsure to be named itself", unsure, robot.prismatic)
+    lines += [
+        f"{g.effect}{_where(robot, g)}: estimated beside what is named, and taken back: with it a joint ends worse on "
+        "the test runs than without any effect"
+        for g in said.guesses
+    ]
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
         if floor.unproven[j]:
