@@ -10,12 +10,14 @@ plain one that it holds. Found on two arms that the project had not seen (a slow
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.beside import SURELY, all_beside, held_near, links_too
+from hybrid_dynamics.loop.beside import LINKS_WITHIN, SURELY, all_beside, held_near, links_too
 from hybrid_dynamics.loop.further import plainer_forms
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.weighing import as_left
@@ -62,9 +64,11 @@ def with_links(
     """
     kept, plain = list(names), list(beside)
     there, links = links_too(judge, [*kept, *plain], candidates) if kept else (judge, [])
+    doubted = [replace(t, settings=tuple(sorted({**t.options, HELD: max(LINKS_WITHIN)}.items()))) for t in links]
+    there = there.adding(doubted)
     while links and kept:
-        there = as_left(there, [*kept, *plain, *links])
-        there, effects = _published(there, kept, [*plain, *links])
+        there = as_left(there, [*kept, *plain, *doubted])
+        there, effects = _published(there, kept, [*plain, *doubted])
         least = _least_known(there, kept, effects, fixed)
         if least is None:
             break
@@ -74,11 +78,12 @@ def with_links(
             plain += held
     if not links or not kept:
         return judge, list(names), list(beside)
+    there, _ = _published(as_left(there, [*kept, *plain, *links]), kept, [*plain, *links])
     if any(not t.family().everywhere for t in names if t not in kept):
-        judge_of = there.adding([*names, *beside])
-        before = judge_of.evidence.held([*names, *beside], physical=True)
-        after = judge_of.evidence.held([*kept, *plain, *links], physical=True)
-        if judge_of.gain(before, after, after).surer_than(SURELY):
+        asked = there.adding([*names, *beside])
+        before = asked.evidence.held([*names, *beside], physical=True)
+        after = asked.evidence.held([*kept, *plain, *links], physical=True)
+        if asked.gain(before, after, after).surer_than(SURELY):
             return judge, list(names), list(beside)
     return there, kept, [*plain, *links]
 
