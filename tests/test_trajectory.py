@@ -8,6 +8,7 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.trajectory import (
     Trajectory,
     TrajectoryWriter,
+    instant,
     iter_trajectories,
     read_metadata,
     read_trajectories,
@@ -96,3 +97,10 @@ def test_wrong_shape_and_split_are_refused():
         Trajectory("x", "train", np.arange(3.0), {"q": np.zeros((3, 2)), "tau": np.zeros((3, 1))})
     with pytest.raises(InputError, match="split is 'validation'"):
         Trajectory("x", "validation", np.arange(3.0), {})
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(0.0123, "0.012"), (3274.02, "3274.02"), (1763900000.25, "1763900000.25"), (5.0, "5")]
+)
+def test_an_instant_is_told_as_it_stands_in_the_log(seconds: float, said: str) -> None:
+    assert instant(seconds) == said

@@ -23,7 +23,7 @@ from hybrid_dynamics.readers.glitches import MANY, repair, told
 from hybrid_dynamics.readers.jumps import TWO_RUNS, find_jumps
 from hybrid_dynamics.readers.resample import NO_STRETCH, resample
 from hybrid_dynamics.robots import Robot
-from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.trajectory import Trajectory, instant
 from hybrid_dynamics.types import Array
 
 
@@ -108,7 +108,7 @@ def _jumps(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
         Finding(
             "jump",
             "hard",
-            f"position jumps by {jump.size:.3g} from one sample to the next at t = {run.time[jump.row]:.6g} s and "
+            f"position jumps by {jump.size:.3g} from one sample to the next at t = {instant(run.time[jump.row])} s and "
             f"stays there: {TWO_RUNS}; expected one recording a run: split it there",
             run=run.name,
             joint=robot.joint_names[jump.joint],

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.samples import CUTOFF_SHARE
 from hybrid_dynamics.differentiate.butterworth import lowpass
-from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.trajectory import Trajectory, instant
 from hybrid_dynamics.types import Array
 
 #: Range [rad or m] that a joint must cover to count as moving.
@@ -53,9 +53,10 @@ def check_content(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
     missing = steps > 1.5 * dt
     if missing.any():
         gaps, lost = int(missing.sum()), int(np.round(steps[missing] / dt - 1).sum())
+        longest = int(np.argmax(steps))
         text = (
-            f"{gaps} gap{'s' if gaps > 1 else ''}, about {lost} samples lost, the longest {steps.max():.3g} s after "
-            f"t = {run.time[int(np.argmax(steps))]:.4g} s: short ones are interpolated, the run is split at long ones"
+            f"{gaps} gap{'s' if gaps > 1 else ''}, about {lost} samples lost, the longest {steps[longest]:.3g} s after "
+            f"t = {instant(run.time[longest])} s: short ones are interpolated, the run is split at long ones"
         )
         out.append(Finding("gaps", "warning" if lost > 0.05 * len(run.time) else "note", text, run=run.name))
     return [*out, *_converters(run, joint_names)]

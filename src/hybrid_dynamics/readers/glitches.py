@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import label, maximum_filter1d, median_filter, percentile_filter, uniform_filter1d
 
-from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.trajectory import Trajectory, instant
 from hybrid_dynamics.types import Array
 
 Mask = NDArray[np.bool_]
@@ -185,7 +185,7 @@ def told(found: Sequence[Glitches], joint_names: Sequence[str], samples: int) ->
             continue
         count = sum(len(g.rows) for g in own)
         times = np.unique(np.concatenate([g.times for g in own]))
-        when = ", ".join(f"{t:.4g}" for t in times[:4]) + (", ..." if len(times) > 4 else "")
+        when = ", ".join(instant(t) for t in times[:4]) + (", ..." if len(times) > 4 else "")
         sizes = np.concatenate([g.sizes for g in own])
         largest = f"{sizes.max():.3g} {units[signal]}" if np.isfinite(sizes).all() else "not finite"
         each = ", ".join(f"{joint_names[g.joint]} {len(g.rows)}" for g in own)

@@ -20,7 +20,7 @@ from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import ResampleSettings, resample, uniform_step
 from hybrid_dynamics.readers.table import read_raw_table, too_few, write_log
 from hybrid_dynamics.robots import Robot
-from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.trajectory import Trajectory, instant
 from hybrid_dynamics.types import Notify
 
 
@@ -140,9 +140,10 @@ def read_log(
     description = log if log is None or isinstance(log, LogDescription) else load_description(log)
     parts = read_pieces(path, robot, name, split, topic, settings, notify, log=description)
     if len(parts) > 1:
+        last, first = instant(parts[0].time[-1]), instant(parts[1].time[0])
         raise InputError(
-            f"{path}: samples are missing between t = {parts[0].time[-1]:.6g} s and {parts[1].time[0]:.6g} s, "
-            "too long to interpolate; split the file there"
+            f"{path}: samples are missing between t = {last} s and {first} s, too long to "
+            "interpolate; split the file there"
         )
     return parts[0]
 

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.readers.jumps import TWO_RUNS, find_jumps, stretches_between
-from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.trajectory import Trajectory, instant
 from hybrid_dynamics.types import Array, Notify
 
 #: What is said of a log of which :func:`resample` leaves nothing.
@@ -81,8 +81,9 @@ def resample(
     for k in cuts:
         start, end = trajectory.time[k], trajectory.time[k + 1]
         tell(
-            f"{trajectory.name}: no samples for {end - start:.3g} s after t = {start:.6g} s (row {k + 1}), too long to "
-            f"interpolate (more than {settings.max_gap:g} s and {settings.max_gap_samples} samples): run split there"
+            f"{trajectory.name}: no samples for {end - start:.3g} s after t = {instant(start)} s (row {k + 1}), too "
+            f"long to interpolate (more than {settings.max_gap:g} s and {settings.max_gap_samples} samples): run split "
+            "there"
         )
     stretches = [s for first, last in pairwise(bounds) for s in _without_jumps(trajectory, int(first), int(last), tell)]
     parts: list[Trajectory] = []
