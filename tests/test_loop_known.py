@@ -16,7 +16,7 @@ from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop import known as known_module
 from hybrid_dynamics.loop.describe import _confirmed
-from hybrid_dynamics.loop.known import known_and_beside, published_in_errors
+from hybrid_dynamics.loop.known import known_and_beside, notes_on, published_in_errors, taken_back
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.trajectory import Trajectory
@@ -252,3 +252,15 @@ def test_the_page_says_why_it_went() -> None:
     assert gone["confirmed"] is contradicted["confirmed"] is False
     assert gone["why_not"] == "known only beside names that the test runs contradict"
     assert contradicted["why_not"].startswith("the test runs are predicted better without it")
+
+
+def test_what_went_since_nothing_is_known_of_it_is_told() -> None:
+    """A gain, and a delay of all joints; friction that stays in its plain form, and what every joint has, are not."""
+    gain, delay, law = Term("torque_gain", 0), Term("time_delay"), Term("asymmetric_coulomb_friction", 1)
+    gone = taken_back([gain, delay, law, OFFSET], [Term("coulomb_friction", 1)])
+    assert gone == [gain, delay]
+    of_one, of_all = notes_on(gone, ROBOT.joint_names)
+    assert of_one.startswith(f"torque_gain of {ROBOT.joint_names[0]}: ")
+    assert of_all.startswith("time_delay: ")
+    assert all(line.count("no finding") == 1 for line in (of_one, of_all))
+    assert taken_back([gain], [gain]) == []

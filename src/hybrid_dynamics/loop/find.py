@@ -26,7 +26,7 @@ from hybrid_dynamics.loop.further import (
     simplify,
     simplify_bodies,
 )
-from hybrid_dynamics.loop.known import known_and_beside
+from hybrid_dynamics.loop.known import known_and_beside, notes_on, taken_back
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.narrow import narrowed
@@ -39,7 +39,7 @@ from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.signs import choose_signs
 from hybrid_dynamics.loop.slow_sign import slow_signs
-from hybrid_dynamics.loop.trace import LEFT, Judge, covers, elsewhere, same_place
+from hybrid_dynamics.loop.trace import LEFT, Judge, elsewhere, same_place
 from hybrid_dynamics.loop.weighing import as_left, lower_floor, weighed_by
 from hybrid_dynamics.loop.widen import widened
 
@@ -99,8 +99,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         sifted = _sifted(judge, chosen, candidates, common, looked, report)
         steps += [*further, *sifted.steps]
         judge, chosen = sifted.judge.adding(given), [*given, *(t for t in sifted.terms if t not in given)]
-        there, known, beside = known_and_beside(judge, chosen, candidates, sifted.unsure, given)
-        lost = _missed(judge, chosen, known, beside) if left else []
+        there, names, beside = known_and_beside(judge, chosen, candidates, sifted.unsure, given)
+        lost = _missed(judge, chosen, names, beside) if left else []
         if not lost:
             break
         candidates = elsewhere(sifted.candidates, lost)
@@ -108,8 +108,9 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, chosen, further = _refined(judge, rest, candidates, report)
         judge, chosen = _in_simplest_form(judge, chosen, candidates)
         steps += further
-    notes = notes_of(sifted.unknown, judge.evidence.robot.joint_names)
-    return Found(known, refit(there.evidence, known).x, [], steps, notes, there, start, beside)
+    joints = judge.evidence.robot.joint_names
+    notes = [*notes_of(sifted.unknown, joints), *notes_on(taken_back(chosen, names), joints)]
+    return Found(names, refit(there.evidence, names).x, [], steps, notes, there, start, beside)
 
 
 @dataclass(frozen=True)
@@ -169,19 +170,18 @@ def _sifted(
     return _Sifted(judge, chosen, unsure, others, unknown, steps)
 
 
-def _missed(judge: Judge, chosen: Sequence[Term], known: Sequence[Term], beside: Sequence[Term]) -> list[Term]:
-    """What of ``chosen`` is not ``known`` (nor in a plainer form) and not what every joint has, where the known ones
-    with all that stands ``beside`` surely predict held-out rows worse, a joint :data:`WRONG` times so.
+def _missed(judge: Judge, chosen: Sequence[Term], names: Sequence[Term], beside: Sequence[Term]) -> list[Term]:
+    """What of ``chosen`` is not among ``names`` any more, where these with all that stands ``beside`` surely predict
+    held-out rows worse, a joint :data:`WRONG` times so.
 
     It may have balanced what stays, which then is wrong by all of it. Both are asked where ``chosen`` stands.
     """
-    rare = [t for t in chosen if not t.family().everywhere]
-    lost = [t for t in rare if not any(same_place(t, k) or covers(t, k) for k in known)]
+    lost = taken_back(chosen, names)
     if not lost:
         return []
-    judge = as_left(judge.at(chosen), chosen).adding([*known, *beside])
+    judge = as_left(judge.at(chosen), chosen).adding([*names, *beside])
     held = judge.evidence.held
-    after, before = held([*known, *beside], physical=True), held(list(chosen), physical=True)
+    after, before = held([*names, *beside], physical=True), held(list(chosen), physical=True)
     much = np.any(judge.mean_square(after) > WRONG * judge.mean_square(before))
     return lost if much and not judge.as_good(after, before) else []
 

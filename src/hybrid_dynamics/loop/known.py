@@ -19,7 +19,7 @@ from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import LINKS_WITHIN, SURELY, all_beside, held_near, links_too
 from hybrid_dynamics.loop.further import plainer_forms
-from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.loop.weighing import as_left
 from hybrid_dynamics.robots import Robot
 
@@ -50,6 +50,22 @@ def known_and_beside(
         names.remove(least)
         if least.family().everywhere:
             unsure.append(least)
+
+
+def taken_back(chosen: Sequence[Term], names: Sequence[Term]) -> list[Term]:
+    """Of ``chosen`` what neither stands among ``names``, nor in a plainer form, nor is what every joint has."""
+    rare = [t for t in chosen if not t.family().everywhere]
+    return [t for t in rare if not any(same_place(t, n) or covers(t, n) for n in names)]
+
+
+def notes_on(gone: Sequence[Term], joints: Sequence[str]) -> list[str]:
+    """One sentence for each of what was ``gone`` in the end: the search had found it, on ``joints`` by name."""
+    return [
+        f"{t.effect}{'' if t.joint is None else f' of {joints[t.joint]}'}: held-out samples ask for it, but beside all "
+        "that is not known better (links off by a quarter among it) nothing is known of its size: no finding; record "
+        "longer runs through more poses"
+        for t in gone
+    ]
 
 
 def with_links(
