@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any
+
 import numpy as np
 import pytest
 from tests.small_arm import arm
@@ -13,6 +17,7 @@ from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.confirm import Confirmation, confirm
 from hybrid_dynamics.loop.diagnosis import errors_of
 from hybrid_dynamics.loop.found import Found
+from hybrid_dynamics.loop.guessed import without_wrong
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.simulation.excitation import excitations
@@ -47,7 +52,7 @@ def test_a_guess_that_the_test_runs_contradict_goes_and_the_other_stays(later: f
     found, said, tests = asked(
         [FRICTION, offset(1.0), offset(2.0, SHOULDER)], [FRICTION, offset(later), offset(2.0, SHOULDER)]
     )
-    assert [ROBOT.joint_names[g.index] for g in said.guesses] == gone
+    assert [(ROBOT.joint_names[g.index], worse) for g, worse in said.guesses] == [(name, (1,)) for name in gone]
     assert said.refused == ()
     kept = {e.joints[0]: e.parameters["offset"] for e in said.model.effects if e.effect == "torque_offset"}
     assert set(kept) == {SHOULDER, ELBOW} - set(gone)
@@ -57,3 +62,26 @@ def test_a_guess_that_the_test_runs_contradict_goes_and_the_other_stays(later: f
     if gone:
         # Control: as it was found, the elbow ends worse than it began.
         assert errors_of(found.model(found.terms), tests)["rmse"][1] > 1.5 * before[1]
+
+
+@pytest.mark.parametrize(("shoulder", "taken_back"), [(1.5, False), (1.02, True)])
+def test_links_that_help_one_joint_much_stay_though_they_harm_another_a_little(
+    shoulder: float, taken_back: bool
+) -> None:
+    """Squares of the test runs without the links: the shoulder is left with half as much again, or with what it was."""
+    links, offset_there = Term("inertial_parameters"), Term("torque_offset", 0)
+    found, _, _ = asked([FRICTION], [FRICTION])
+    found = replace(found, beside=[links, offset_there])
+    squares = {2: np.array([1.0, 1.0]), 1: np.array([shoulder, 0.3])}
+
+    class Stub(Found):
+        def model(self, terms: Sequence[Term], covariance: bool = True) -> Any:
+            return len(self.beside)
+
+    stub = Stub(**{f.name: getattr(found, f.name) for f in fields(found)})
+    worse = {2: np.array([False, True]), 1: np.array([False, False])}
+    start: Any = 2
+    left: Any
+    left, gone = without_wrong(stub, [], start, worse.__getitem__, squares.__getitem__)
+    assert gone == ([(links, (1,))] if taken_back else [])
+    assert left == (1 if taken_back else 2)

@@ -27,7 +27,7 @@ from hybrid_dynamics.types import Array
 def instant(seconds: float) -> str:
     """A time stamp [s] as a person finds it in the log, to a millisecond: the clock of many logs counts from 1970, and
     of ten digits the first four say nothing."""
-    return f"{seconds:.3f}".rstrip("0").rstrip(".")
+    return f"{round(seconds, 3) + 0.0:.3f}".rstrip("0").rstrip(".")
 
 
 UNITS: Mapping[str, str] = MappingProxyType(

@@ -8,8 +8,8 @@ the data cannot tell from weight is no finding, and is held near zero (ridge reg
 A few seconds show a little of the friction of every joint, and none of it as surely as a name asks for. A name that is
 wrong is worse than none; a prediction without friction is worse than one with a guess of it: where all links are
 identified, whose own guesses it would end in, and where most joints are left with more than their floor, everything
-that every arm has is estimated. So are the links, which a description knows to within a quarter at best: where held-out
-rows show it, all that are not named are estimated near what they are said to be.
+that every arm has is estimated. So are the links, which a description knows to within a quarter at best: where most
+joints are left with more than their floor, all that are not named are estimated near what they are said to be.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ EXPECTED = 0.1
 #: Links are expected within one of these shares of what is plausible of them (half their mass): from a quarter of their
 #: mass, as in a description made from drawings, to a fortieth, as in one that was identified. Held-out rows choose.
 LINKS_WITHIN = (0.5, 0.25, 0.1, 0.05)
-#: Standard errors by which held-out rows must be worse with them for the links to be left as they are described.
+#: Standard errors by which held-out runs must be worse with them for the links to be left as they are described.
 SURELY = 2.0
 #: A coefficient of so small a share of what it is held within is none.
 NOTHING = 1e-3
@@ -70,31 +70,44 @@ def links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -
     joints; and the judge who has their columns.
 
     What the links are off by is too little, or too alike to something else, to be a name: too short a log. A model that
-    leaves the links as they are said to be is wrong by all of it. Held-out rows choose how near, and against links at
-    all they are heard only where they are sure: ``model`` was chosen on the same rows with the links as described, and
-    parts of one run move too much alike to say what another motion asks of links. Those that a starting model has found
-    or guessed are left as they are: links do not change.
+    leaves the links as they are said to be is wrong by all of it. Held-out rows choose how near; against links at all
+    they are heard where they are other runs (:func:`speaks_against`). Those that a starting model has found or guessed
+    are left as they are: links do not change.
     """
-    links = all_links_of(candidates)
-    robot, started = judge.evidence.robot, judge.evidence.base.effects
-    if links is None or has_all_links(model) or any(family(e.effect).all_links for e in started):
+    if not any(t.family().all_links for t in candidates) or has_all_links(model):
         return judge, []
-    own = {robot.joint_names[j] for t in model if covers(links, t) for j in t.family().joints_of(robot, t)}
-    rest = tuple(name for name in links.options[LINKS] if name not in own)
     held = judge.evidence.held(list(model), physical=True)
-    if not rest or not judge.mostly_left(held):
+    started = judge.evidence.base.effects
+    if any(family(e.effect).all_links for e in started) or not judge.mostly_left(held):
         return judge, []
     trials = []
     for share in LINKS_WITHIN:
-        near = replace(links, settings=tuple(sorted({**links.options, LINKS: rest, HELD: share}.items())))
-        there = judge.adding([near])
-        after = there.evidence.held([*model, near], physical=True)
-        if not there.gain(held, after, after).surer_than(SURELY):
+        near = links_near(judge, model, candidates, share)
+        there = judge.adding(near)
+        after = there.evidence.held([*model, *near], physical=True)
+        if near and not speaks_against(there, after, held):
             trials.append((after.score, share, there, near))
     if not trials:
         return judge, []
     *_, there, near = min(trials, key=lambda t: t[:2])
-    return there, [near]
+    return there, near
+
+
+def links_near(judge: Judge, model: Sequence[Term], candidates: Sequence[Term], share: float) -> list[Term]:
+    """All links of ``candidates`` of which ``model`` has no body, held within ``share`` of what is plausible: one term,
+    or none."""
+    links, robot = all_links_of(candidates), judge.evidence.robot
+    if links is None:
+        return []
+    own = {robot.joint_names[j] for t in model if covers(links, t) for j in t.family().joints_of(robot, t)}
+    rest = tuple(name for name in links.options[LINKS] if name not in own)
+    return [replace(links, settings=tuple(sorted({**links.options, LINKS: rest, HELD: share}.items())))] if rest else []
+
+
+def speaks_against(judge: Judge, new: Held, old: Held) -> bool:
+    """True where other runs are surely predicted worse by ``new`` than by ``old``: parts of a single run move too much
+    alike to say what another motion asks of links, and the names were chosen on them with the links as described."""
+    return len(judge.evidence.runs) > 1 and judge.gain(old, new).surer_than(SURELY)
 
 
 def plain_beside(judge: Judge, current: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:

@@ -81,14 +81,15 @@ def change_of(
 class Confirmation:
     """``changes`` per term; ``refused``: terms in the order in which the test runs spoke against them, then those that
     were known beside these alone (``unknown``); ``at_rest``: of the refused those that ask too much of joints that only
-    stand in the test runs; ``model`` without all of them, re-fitted; it lists them as inactive."""
+    stand in the test runs; ``guesses``: what stood beside the names and by which joints (their numbers) ended worse
+    than they began; ``model`` without all of them, re-fitted; it lists the names as inactive."""
 
     changes: dict[Term, TestChange]
     refused: tuple[Term, ...]
     model: Model
     unknown: tuple[Term, ...] = ()
     at_rest: tuple[Term, ...] = ()
-    guesses: tuple[Term, ...] = ()
+    guesses: tuple[tuple[Term, tuple[int, ...]], ...] = ()
 
 
 def confirm(
@@ -146,7 +147,6 @@ def confirm(
         model,
         lambda m: _ends_worse(judge, base, m, tests),
         lambda m: np.sum([np.sum(e**2, axis=0) for e in moving_errors(m, tests)], axis=0),
-        PRACTICAL,
     )
     inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]
     model = model.with_inactive(inactive)

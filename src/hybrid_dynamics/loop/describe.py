@@ -100,9 +100,9 @@ def describe_result(
     lines += _estimated("beside all links, which can look the same", alike, robot.prismatic)
     lines += _estimated("beside what is named, too unsure to be named itself", unsure, robot.prismatic)
     lines += [
-        f"{g.effect}{_where(robot, g)}: estimated beside what is named, and taken back: with it a joint ends worse on "
-        "the test runs than without any effect"
-        for g in said.guesses
+        f"{g.effect}{_where(robot, g)}: estimated beside what is named, and taken back: with it "
+        f"{', '.join(robot.joint_names[j] for j in worse)} ended worse on the test runs than the starting model"
+        for g, worse in said.guesses
     ]
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
@@ -134,7 +134,9 @@ def describe_result(
         "schema": 2,
         "robot": robot.name,
         "joints": list(robot.joint_names),
-        "verdict": verdict_of(any(e["confirmed"] for e in entries), explained & ~logs.silent & (not unsure)),
+        "verdict": verdict_of(
+            any(e["confirmed"] for e in entries), explained & ~logs.silent & (not (unsure or said.guesses))
+        ),
         "effects": entries,
         "error": _errors(base, full, said.model, logs, False),
         "error_moving": moving,

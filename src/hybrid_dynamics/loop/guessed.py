@@ -19,6 +19,10 @@ from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.types import Array
 
+#: Without a guess no joint may be left with more than so many times what it was left with, and those that end worse
+#: must be left with less than that share (mean squares).
+SPARED, LESS = 1.05, 0.99
+
 
 def without_wrong(
     found: Found,
@@ -26,30 +30,28 @@ def without_wrong(
     model: Model,
     ends_worse: Callable[[Model], NDArray[np.bool_]],
     squares: Callable[[Model], Array],
-    least: float,
-) -> tuple[Model, list[Term]]:
+) -> tuple[Model, list[tuple[Term, tuple[int, ...]]]]:
     """``model`` of ``names`` without those that ``found`` has beside them which make a joint end worse than it began,
-    re-fitted; and these guesses, in the order in which they went.
+    re-fitted; and these guesses with the joints that ended worse, in the order in which they went.
 
     ``ends_worse`` of a model: (n,) joints that end surely worse; ``squares``: (n,) their squared errors on the test
-    runs. The guess goes whose absence leaves least there, by the share ``least`` at least, as long as no other joint
-    ends worse for it. None where runs disagree: nothing is estimated beside these.
+    runs. The guess goes whose absence leaves least on the joints that end worse, if no joint is left with more than
+    :data:`SPARED` of what it was left with: what a guess of all links gives to one joint pays for what it takes from
+    another, and the other way round. None where runs disagree: nothing is estimated beside these.
     """
-    gone: list[Term] = []
+    gone: list[tuple[Term, tuple[int, ...]]] = []
     while (worse := ends_worse(model)).any() and not found.inconsistent:
-        own = squares(model)
+        own = np.maximum(squares(model), 1e-300)
         trials = []
         for guess in found.beside:
-            if guess.joint is not None and not worse[guess.joint]:
-                continue
-            other = replace(found, beside=[t for t in found.beside if t != guess])
-            bare = other.model(names, False)
-            left = float(np.sum((squares(bare) / np.maximum(own, 1e-300))[worse]))
-            trials.append((left, repr(guess), guess, other, bare))
-        best = min(trials, key=lambda t: t[:2], default=None)
-        if best is None or best[0] > (1.0 - least) * worse.sum() or np.any(ends_worse(best[-1]) & ~worse):
+            if guess.joint is None or worse[guess.joint]:
+                other = replace(found, beside=[t for t in found.beside if t != guess])
+                grown = squares(other.model(names, False)) / own
+                if np.all(grown <= SPARED) and grown[worse].mean() < LESS:
+                    trials.append((float(grown[worse].mean()), repr(guess), guess, other))
+        if not trials:
             break
-        *_, guess, found, _ = best
-        gone.append(guess)
+        *_, guess, found = min(trials, key=lambda t: t[:2])
+        gone.append((guess, tuple(int(j) for j in np.flatnonzero(worse))))
         model = found.model(names)
     return model, gone

@@ -108,8 +108,8 @@ def _without_jumps(trajectory: Trajectory, first: int, last: int, tell: Notify) 
         still = f", after {jump.row - jump.held} rows that repeat one" if jump.row > jump.held else ""
         tell(
             f"{trajectory.name}: q{jump.joint + 1} jumps by {jump.size:.3g} from one sample to the next at t = "
-            f"{trajectory.time[first + jump.row]:.6g} s (row {first + jump.row + 1}){still}: {TWO_RUNS}: run split "
-            "there"
+            f"{instant(trajectory.time[first + jump.row])} s (row {first + jump.row + 1}){still}: {TWO_RUNS}: run "
+            "split there"
         )
     if not jumps:
         return [(first, last)]
