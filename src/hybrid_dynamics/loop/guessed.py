@@ -35,9 +35,9 @@ def without_wrong(
     re-fitted; and these guesses with the joints that ended worse, in the order in which they went.
 
     ``ends_worse`` of a model: (n,) joints that end surely worse; ``squares``: (n,) their squared errors on the test
-    runs. The guess goes whose absence leaves least on the joints that end worse, if no joint is left with more than
-    :data:`SPARED` of what it was left with: what a guess of all links gives to one joint pays for what it takes from
-    another, and the other way round. None where runs disagree: nothing is estimated beside these.
+    runs. The guess goes whose absence leaves least on the joints that end worse, as long as no joint is left with more
+    than :data:`SPARED` times what it was left with: links that help one joint much stay though they harm another. None
+    where runs disagree: nothing is estimated beside these.
     """
     gone: list[tuple[Term, tuple[int, ...]]] = []
     while (worse := ends_worse(model)).any() and not found.inconsistent:
