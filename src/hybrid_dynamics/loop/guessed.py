@@ -19,9 +19,10 @@ from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.types import Array
 
-#: Without a guess no joint may be left with more than so many times what it was left with, and those that end worse
-#: must be left with less than that share (mean squares).
-SPARED, LESS = 1.05, 0.99
+#: By so much the joints that end worse must be left with less without a guess (mean squares, in the logarithm).
+LESS = 0.01
+#: Squares [N m]^2 below which nothing is left.
+TINY = 1e-300
 
 
 def without_wrong(
@@ -35,20 +36,23 @@ def without_wrong(
     re-fitted; and these guesses with the joints that ended worse, in the order in which they went.
 
     ``ends_worse`` of a model: (n,) joints that end surely worse; ``squares``: (n,) their squared errors on the test
-    runs. The guess goes whose absence leaves least on the joints that end worse, as long as no joint is left with more
-    than :data:`SPARED` times what it was left with: links that help one joint much stay though they harm another. None
-    where runs disagree: nothing is estimated beside these.
+    runs. The guess goes without which these joints are left with less and all joints together with least, in the mean
+    of the logarithms: links that help one joint much stay though they harm another. It stays where another joint would
+    end worse. None where runs disagree: nothing is estimated beside these.
     """
     gone: list[tuple[Term, tuple[int, ...]]] = []
     while (worse := ends_worse(model)).any() and not found.inconsistent:
-        own = np.maximum(squares(model), 1e-300)
+        own = squares(model)
         trials = []
         for guess in found.beside:
             if guess.joint is None or worse[guess.joint]:
                 other = replace(found, beside=[t for t in found.beside if t != guess])
-                grown = squares(other.model(names, False)) / own
-                if np.all(grown <= SPARED) and grown[worse].mean() < LESS:
-                    trials.append((float(grown[worse].mean()), repr(guess), guess, other))
+                bare = other.model(names, False)
+                # A joint of which nothing moves, or nothing is left, says nothing.
+                change = np.log(np.maximum(squares(bare), TINY) / np.maximum(own, TINY))
+                helps = change[worse].mean() < -LESS and change.mean() < 0
+                if helps and not np.any(ends_worse(bare) & ~worse):
+                    trials.append((float(change.mean()), repr(guess), guess, other))
         if not trials:
             break
         *_, guess, found = min(trials, key=lambda t: t[:2])
