@@ -74,18 +74,20 @@ def links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -
     they are heard where they are other runs (:func:`speaks_against`). Those that a starting model has found or guessed
     are left as they are: links do not change.
     """
-    if not any(t.family().all_links for t in candidates) or has_all_links(model):
+    started = judge.evidence.base.effects
+    if has_all_links(model) or any(family(e.effect).all_links for e in started):
+        return judge, []
+    if not links_near(judge, model, candidates, max(LINKS_WITHIN)):
         return judge, []
     held = judge.evidence.held(list(model), physical=True)
-    started = judge.evidence.base.effects
-    if any(family(e.effect).all_links for e in started) or not judge.mostly_left(held):
+    if not judge.mostly_left(held):
         return judge, []
     trials = []
     for share in LINKS_WITHIN:
         near = links_near(judge, model, candidates, share)
         there = judge.adding(near)
         after = there.evidence.held([*model, *near], physical=True)
-        if near and not speaks_against(there, after, held):
+        if not speaks_against(there, after, held):
             trials.append((after.score, share, there, near))
     if not trials:
         return judge, []

@@ -61,11 +61,16 @@ def moving_errors(model: Model, runs: Sequence[Run]) -> list[Array]:
     return [(run.tau - predict_run(model, run)) * run.mask for run in runs]
 
 
+def _squares(left: Sequence[Array]) -> Array:
+    """(n,) squared sums [N m]^2 of what is ``left`` (K, n) [N m] of every run."""
+    return np.asarray(np.sum([np.sum(e**2, axis=0) for e in left], axis=0))
+
+
 def change_of(
     judge: Judge, new: Sequence[Array], old: Sequence[Array], tests: Sequence[Run], weights: Array, names: int
 ) -> TestChange:
     """:func:`test_change` between what two models leave of ``tests``, the joints weighed by ``weights`` (n,)."""
-    after, before = (np.sum([np.sum(e**2, axis=0) for e in part], axis=0) for part in (new, old))
+    after, before = _squares(new), _squares(old)
     change, size = float((after - before) @ weights), max(float(before @ weights), 1e-300)
     spread, blocks = difference_error(new, old, [run.time for run in tests], judge.settings.block, weights)
     level = float(student.ppf(1.0 - judge.settings.confirmation / max(names, 1), max(blocks - 1, 1)))
@@ -146,7 +151,7 @@ def confirm(
         kept,
         model,
         lambda m: _ends_worse(judge, base, m, tests),
-        lambda m: np.sum([np.sum(e**2, axis=0) for e in moving_errors(m, tests)], axis=0),
+        lambda m: _squares(moving_errors(m, tests)),
     )
     inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]
     model = model.with_inactive(inactive)
