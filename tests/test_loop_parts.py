@@ -9,7 +9,7 @@ import pytest
 from tests.small_arm import arm, noisy_log
 
 from hybrid_dynamics.effects import Effect, Term, family
-from hybrid_dynamics.effects.inertia import is_physical
+from hybrid_dynamics.effects.inertia import is_physical, pseudo_inertia
 from hybrid_dynamics.errors import ConfigError, InputError
 from hybrid_dynamics.loop import LoopSettings, Model, ProcessSettings, process
 from hybrid_dynamics.loop.augment import effects_of, refit
@@ -226,3 +226,21 @@ def test_a_row_whose_window_holds_a_reversal_has_no_say():
         # The window's own half, to a sample of the log either way.
         assert not run.mask[nearest < 0.5 / run.cutoff - 5e-3, joint].any()
         assert run.mask[nearest > 0.5 / run.cutoff + 5e-3, joint].all()
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4, 5, 7])
+def test_two_columns_that_are_one_do_not_stop_a_physical_fit(seed):
+    # Two joints that move alike, the friction of the one and the coupling to the other; rounding pulls them apart.
+    rng = np.random.default_rng(seed)
+    body = np.array([0.55, 0.0, 0.0, 0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3])
+    rows = rng.normal(size=(300, 12))
+    y = rows @ np.concatenate([-3 * np.abs(rng.normal(size=10)), [1.0, 1.0]]) + rng.normal(size=300)
+    single = solve(rows.T @ rows, rows.T @ y, Constraints(np.full(12, -np.inf), ((0, body),)))
+    twice = np.hstack([rows, rows[:, [10]]])
+    pull = twice.T @ y
+    pull[12] *= 1 + 1e-7
+    constraints = Constraints(np.full(13, -np.inf), ((0, body),))
+    x = solve(twice.T @ twice, pull, constraints)
+    assert np.linalg.eigvalsh(pseudo_inertia(body + x[:10]))[0] > -1e-7
+    np.testing.assert_allclose(x[:10], single[:10], atol=1e-4)
+    np.testing.assert_allclose([x[10] + x[12], x[11]], single[10:], atol=1e-4)

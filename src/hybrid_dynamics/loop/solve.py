@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import clarabel
@@ -25,6 +26,9 @@ _BASIS = pseudo_inertia_basis()
 _MARGIN = 1e-8
 #: The farthest constraint lies at most 1 / this from the origin in the solver's units; tried in turn.
 FARTHEST = (0.02, 0.2, 2.0)
+#: Shares of the diagonal that are added to it, in turn, where the solver does not converge: two columns that are one
+#: leave a direction of which only rounding says anything, and along it the minimum lies anywhere.
+RIDGES = (0.0, 1e-9, 1e-7)
 
 
 def _cone_rows() -> tuple[Array, Array]:
@@ -132,8 +136,8 @@ def solve(a: Array, b: Array, constraints: Constraints) -> Array:
     x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
     if not constraints.coupled or constraints.satisfied(np.maximum(x, constraints.lower)):
         return x
-    for farthest in FARTHEST:
-        solution = _solve_cones(a, b, constraints, farthest)
+    for ridge, farthest in product(RIDGES, FARTHEST):
+        solution = _solve_cones(a + ridge * np.diag(np.diag(a)), b, constraints, farthest)
         if solution is not None:
             return solution
     raise RuntimeError(f"the physically consistent fit of {len(b)} coordinates did not converge")
