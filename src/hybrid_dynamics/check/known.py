@@ -27,6 +27,8 @@ from hybrid_dynamics.types import Array
 
 #: Shares of a joint's mean square: missed from here on, hit up to here; no joint may get worse by more than the last.
 MISSED, HIT, WORSE = 0.3, 0.05, 0.02
+#: A torque of so small a mean square [(N m)^2] is that of a joint that nobody measured, and rounding.
+SILENT = 1e-18
 #: One factor is that of at least two joints whose torque is this share of the largest (rms), by so much (natural
 #: logarithm) at most.
 STRONG, ALIKE = 0.05, 0.3
@@ -88,7 +90,7 @@ def check_known(model: Robot | Completed, runs: Sequence[Trajectory], gains: boo
         tau = columns.tau[:, reading.source]
         off = tau * reading.sign - np.column_stack([columns.model(j, gravity) for j in range(len(names))])
         power = np.mean(tau**2, axis=0)
-        return np.asarray(np.where(power > 0, np.mean(off**2, axis=0) / np.maximum(power, 1e-300), 0.0))
+        return np.asarray(np.where(power > SILENT, np.mean(off**2, axis=0) / np.maximum(power, SILENT), 0.0))
 
     told = left(_Reading(len(names)))
     if not np.any(told > MISSED):

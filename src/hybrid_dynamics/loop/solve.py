@@ -8,6 +8,7 @@ RA-L 2018).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -22,12 +23,22 @@ from hybrid_dynamics.effects.inertia import pseudo_inertia_basis
 from hybrid_dynamics.types import Array
 
 _BASIS = pseudo_inertia_basis()
+#: What adds one to all eigenvalues of a pseudo-inertia: 1 kg, and 1 kg m^2 of second moment along each axis.
+_BALL = np.array([1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 2.0, 0.0, 0.0, 2.0])
 #: Smallest eigenvalue (kg, kg m^2) of a fitted pseudo-inertia: inside, beyond the solver's tolerance.
 _MARGIN = 1e-8
 #: The farthest constraint lies at most 1 / this from the origin in the solver's units; tried in turn.
 FARTHEST = (0.02, 0.2, 2.0)
-#: Shares of the diagonal that are added to it, in turn, where the solver does not converge: two columns that are one
-#: leave a direction of which only rounding says anything, and along it the minimum lies anywhere.
+#: How the solver is asked again where it does not converge, in turn: with shorter steps, in units of our own, and for
+#: less precision (a minimum at the end of a long thin valley, or a log without noise, whose weights are huge).
+AGAIN: tuple[dict[str, Any], ...] = (
+    {},
+    {"max_step_fraction": 0.9},
+    {"equilibrate_enable": False},
+    {"equilibrate_enable": False, "tol_gap_abs": 1e-6, "tol_gap_rel": 1e-6, "tol_feas": 1e-6},
+)
+#: Shares of the diagonal that are added to it at last: two columns that are one leave a direction of which only
+#: rounding says anything, and along it the minimum lies anywhere.
 RIDGES = (0.0, 1e-9, 1e-7)
 
 
@@ -44,10 +55,12 @@ _TRIANGLE, _INSIDE = _cone_rows()
 
 @dataclass(frozen=True)
 class _Stacked:
-    """``rows @ x - limit`` must lie in ``cones``; rows of one ``group`` can only be scaled together."""
+    """``rows @ x - limit`` must lie in ``cones``, ``inside`` of it the margin of bodies; rows of one ``group`` can only be
+    scaled together."""
 
     rows: csc_matrix
     limit: Array
+    inside: Array
     group: NDArray[np.int_]
     cones: tuple[Any, ...]
 
@@ -86,7 +99,7 @@ class Constraints:
         bounds = np.zeros((len(bounded), total))
         bounds[np.arange(len(bounded)), bounded] = 1.0
         half_spaces = len(bounded) + len(self.least)
-        blocks, limits = [bounds], [self.lower[bounded]]
+        blocks, limits, inside = [bounds], [self.lower[bounded]], [np.zeros(half_spaces)]
         if len(self.least):
             blocks.append(self.rows)
             limits.append(self.least)
@@ -96,9 +109,11 @@ class Constraints:
             body[:, start : start + 10] = _TRIANGLE
             blocks.append(body)
             limits.append(_INSIDE - _TRIANGLE @ offset)
+            inside.append(_INSIDE)
             cones.append(clarabel.PSDTriangleConeT(4))
         group = np.concatenate([np.arange(half_spaces), half_spaces + np.repeat(np.arange(len(self.bodies)), 10)])
-        return _Stacked(csc_matrix(np.vstack(blocks)), np.concatenate(limits), group, tuple(cones))
+        rows, limit = csc_matrix(np.vstack(blocks)), np.concatenate(limits)
+        return _Stacked(rows, limit, np.concatenate(inside), group, tuple(cones))
 
 
 def solve_free(a: Array, b: Array) -> Array:
@@ -136,10 +151,10 @@ def solve(a: Array, b: Array, constraints: Constraints) -> Array:
     x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
     if not constraints.coupled or constraints.satisfied(np.maximum(x, constraints.lower)):
         return x
-    for ridge, farthest in product(RIDGES, FARTHEST):
-        solution = _solve_cones(a + ridge * np.diag(np.diag(a)), b, constraints, farthest)
+    for ridge, margin, again, farthest in product(RIDGES, (True, False), AGAIN, FARTHEST):
+        solution = _solve_cones(a + ridge * np.diag(np.diag(a)), b, constraints, farthest, again, margin)
         if solution is not None:
-            return solution
+            return _inside(solution, constraints)
     raise RuntimeError(f"the physically consistent fit of {len(b)} coordinates did not converge")
 
 
@@ -157,11 +172,23 @@ def _sparse(data: Array, indices: Any, starts: Any, shape: tuple[int, int]) -> c
     return out
 
 
-def _solve_cones(a: Array, b: Array, constraints: Constraints, farthest: float) -> Array | None:
+def _inside(x: Array, constraints: Constraints) -> Array:
+    """``x`` with a point mass and a ball on each body that lies outside what can exist, by the solver's tolerance."""
+    for start, offset in constraints.bodies:
+        short = _MARGIN - float(np.linalg.eigvalsh(np.tensordot(offset + x[start : start + 10], _BASIS, axes=1))[0])
+        if short > _MARGIN:
+            x[start : start + 10] += short * _BALL
+    return x
+
+
+def _solve_cones(
+    a: Array, b: Array, constraints: Constraints, farthest: float, again: Mapping[str, Any], margin: bool
+) -> Array | None:
     """Minimise over y, x = scale * y: unit diagonal, linear term of size one; h - G y must lie in the cones.
 
     Constraints far beyond what the data asks for would spoil the solver's start: the farthest lies at most at
-    1 / ``farthest``. None where the solver does not converge.
+    1 / ``farthest``. ``again``: settings of the solver other than ours; without ``margin`` bodies may lie on the
+    rim of what can exist (in the units of a log without noise it lies too far off). None where it does not converge.
     """
     unit = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
     bounded = np.flatnonzero(np.isfinite(constraints.lower))
@@ -180,11 +207,13 @@ def _solve_cones(a: Array, b: Array, constraints: Constraints, farthest: float) 
     settings.verbose = False
     settings.max_threads = 1
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
+    for name, value in again.items():
+        setattr(settings, name, value)
     solver = clarabel.DefaultSolver(
         _upper_triangle(a * unit[:, None] * unit),
         -b * unit / size,
         _sparse(-data / length[rows.indices], rows.indices, rows.indptr, (rows.shape[0], rows.shape[1])),
-        -stacked.limit / length,
+        -(stacked.limit if margin else stacked.limit - stacked.inside) / length,
         list(stacked.cones),
         settings,
     )
