@@ -69,3 +69,14 @@ def test_a_name_that_asks_for_more_is_to_blame_and_friction_never_is() -> None:
     assert asked([weak], [WRONG]) is None
     assert asked([weak], [large, DRY], floor=2.0) is None
     assert asked([weak], []) is None
+
+
+def test_a_joint_on_which_nothing_is_left_beside_one_that_is_asked_too_much_divides_by_nothing() -> None:
+    time = np.arange(2000) / 200.0
+    q = np.tile([0.5, 0.3], (2000, 1))
+    still = np.zeros_like(q)
+    tau = predict(arm(), [], q, still, still, time)
+    run = process(Trajectory("test", "test", time, {"q": q, "tau": tau}), arm(), ProcessSettings())
+    exact, term = Model(arm()), WRONG.term(arm())
+    blamed = asks_too_much(exact, Model(arm(), (WRONG,)), [term], lambda t: exact, [run], judge())
+    assert blamed == term

@@ -255,5 +255,5 @@ def test_a_body_of_which_one_number_is_known_to_rounding_can_exist(weight, pull)
     b = np.array([*9 * [0.0], pull])
     x = solve(a, b, Constraints(np.full(10, -np.inf), ((0, np.zeros(10)),)))
     assert np.linalg.eigvalsh(pseudo_inertia(x))[0] >= 0
-    # What pulls towards a body that cannot be moves nothing; the other is reached, or as near as bodies must lie inside.
+    # What pulls towards a body that cannot be moves nothing, but for what bodies must lie inside; the other is reached.
     assert x[9] == pytest.approx(max(pull / weight, 0.0), abs=1e-4 if pull < 0 else 1e-7)

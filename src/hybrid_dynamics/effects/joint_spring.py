@@ -166,7 +166,8 @@ def _part(xp: Any, q: Any, knots: Sequence[float], k: int) -> Any:
 
 
 def _rest(x: Array, knots: Sequence[float]) -> float:
-    """Position nearest to the middle of the knots where a piecewise spring has no torque; the outer piece's else."""
+    """Position nearest to the middle of the knots where a piecewise spring has no torque; on the outer pieces, which go
+    on beyond the knots, else."""
     grid = np.array(knots)
     torque = np.array([sum(s * _part(np, q, knots, k) for k, s in enumerate(x[:-1])) - x[-1] for q in grid])
     found = [
@@ -174,8 +175,11 @@ def _rest(x: Array, knots: Sequence[float]) -> float:
         for k in range(len(grid) - 1)
         if torque[k] * torque[k + 1] <= 0 and torque[k] != torque[k + 1]
     ]
-    found += [grid[k] - torque[k] / _not_zero(float(x[i])) for k, i in ((0, 0), (-1, -2))] if not found else []
-    return float(min(found, key=lambda q: abs(q - grid.mean())))
+    if not found:
+        low, high = (grid[k] - torque[k] / _not_zero(float(x[i])) for k, i in ((0, 0), (-1, -2)))
+        # An outer piece says nothing of the other side of its knot.
+        found = [q for q, beyond in ((low, low <= grid[0]), (high, high >= grid[-1])) if beyond]
+    return float(min(found, key=lambda q: abs(q - grid.mean()), default=grid[np.argmin(np.abs(torque))]))
 
 
 def _not_zero(value: float) -> float:

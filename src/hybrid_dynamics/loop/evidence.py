@@ -155,6 +155,10 @@ class Evidence:
         weights = np.where(seen, 1.0 / np.where(seen, floor, 1.0) ** 2, 0.0)
         return Evidence(self._linear, weights, self.problem.resting.weights(floor))
 
+    def holding_links(self, share: float) -> Evidence:
+        """Where all links, as a name, are held within ``share`` of what is plausible of them."""
+        return Evidence(self._linear.holding_links(share), self.weights, self._at_rest)
+
     def fold_by_time(self) -> Evidence:
         """Folded anew: parts of every run in turn, so that every run is in every fit."""
         folds = folds_by_time(self.runs, self.blocks, self.settings.time_folds)

@@ -30,6 +30,7 @@ from hybrid_dynamics.loop.known import known_and_beside, notes_on, taken_back
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.narrow import narrowed
+from hybrid_dynamics.loop.nearer import links_nearer
 from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.partner import notes_of, partner_open
 from hybrid_dynamics.loop.prepare import Logs
@@ -108,8 +109,9 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, chosen, further = _refined(judge, rest, candidates, report)
         judge, chosen = _in_simplest_form(judge, chosen, candidates)
         steps += further
+    there, nearer = links_nearer(there, names, beside)
     joints = judge.evidence.robot.joint_names
-    notes = [*notes_of(sifted.unknown, joints), *notes_on(taken_back(chosen, names), joints)]
+    notes = [*notes_of(sifted.unknown, joints), *notes_on(taken_back(chosen, names), joints), *nearer]
     return Found(names, refit(there.evidence, names).x, [], steps, notes, there, start, beside)
 
 

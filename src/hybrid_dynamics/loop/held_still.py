@@ -64,6 +64,6 @@ def asks_too_much(
     wrong = ours > np.maximum(MORE * theirs, NOISE * floor[joints])
     if not wrong.any():
         return None
-    left = [float(np.max((beyond_at_rest(without(s), tests, joints, speed) / ours)[wrong])) for s in kept]
+    left = [float(np.max(beyond_at_rest(without(s), tests, joints, speed)[wrong] / ours[wrong])) for s in kept]
     best = int(np.argmin(left))
     return kept[best] if left[best] <= BLAMED else None

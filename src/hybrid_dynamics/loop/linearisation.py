@@ -65,6 +65,10 @@ class Linearisation:
         fresh = frozenset(following)
         return cls(columns, mask, problem.folds, target, (), fresh, moving, gram, sums, resting, at_rest)
 
+    def holding_links(self, share: float) -> Linearisation:
+        """The same products of a problem that holds all links, as a name, within ``share`` of what is plausible."""
+        return replace(self, columns=replace(self.columns, problem=self.problem.holding_links(share)))
+
     @property
     def problem(self) -> Problem:
         """What never changes."""

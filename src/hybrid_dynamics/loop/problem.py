@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Motion, Term, family
 from hybrid_dynamics.effects.acting import late
-from hybrid_dynamics.effects.base import acts_in
+from hybrid_dynamics.effects.base import HELD, acts_in
 from hybrid_dynamics.loop.blocks import Blocks, folds_of
 from hybrid_dynamics.loop.layout import Layout, make_room
 from hybrid_dynamics.loop.model import Model
@@ -64,6 +65,8 @@ class Problem:
         self._rigid: list[deque[tuple[bytes, Array]]] = [deque(maxlen=KEPT) for _ in self.runs]
         self._shares: dict[int, Array] = {}
         self._priors: dict[Term, Array] = {}
+        #: Links that are identified together are expected within so much of what is plausible of them.
+        self.links_within = 1.0
         self._constraints: dict[Layout, Constraints] = {}
 
     @property
@@ -194,6 +197,12 @@ class Problem:
             )
         return self._constraints[layout]
 
+    def holding_links(self, share: float) -> Problem:
+        """The same where all links, as a name, are expected within ``share`` of what is plausible of them."""
+        out = copy(self)
+        out.links_within, out._priors = share, {}
+        return out
+
     def prior(self, layout: Layout) -> Array:
         """(p,): one over the square of what a coordinate of ``layout`` may plausibly be."""
         return np.concatenate([np.zeros(0), *(self._prior(term) for term in layout.terms)])
@@ -201,7 +210,9 @@ class Problem:
     def _prior(self, term: Term) -> Array:
         """Weight (p,) that holds the coordinates of ``term`` to zero."""
         if term not in self._priors:
-            self._priors[term] = 1.0 / term.prior_scale(self.robot) ** 2
+            named = term.family().all_links and HELD not in term.options
+            within = self.links_within if named else 1.0
+            self._priors[term] = 1.0 / (within * term.prior_scale(self.robot)) ** 2
         return self._priors[term]
 
     def alike(self, layout: Layout) -> Array:

@@ -55,8 +55,8 @@ _TRIANGLE, _INSIDE = _cone_rows()
 
 @dataclass(frozen=True)
 class _Stacked:
-    """``rows @ x - limit`` must lie in ``cones``, ``inside`` of it the margin of bodies; rows of one ``group`` can only be
-    scaled together."""
+    """``rows @ x - limit`` must lie in ``cones``, ``inside`` of it the margin of bodies; rows of one ``group`` can only
+    be scaled together."""
 
     rows: csc_matrix
     limit: Array

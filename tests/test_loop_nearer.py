@@ -1,0 +1,70 @@
+"""How near all links are held to the starting model's: as near as predicts held-out rows best."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.small_arm import arm, heavier_links
+
+from hybrid_dynamics.effects import Effect, Term, family
+from hybrid_dynamics.effects.base import HELD
+from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.beside import LINKS_WITHIN
+from hybrid_dynamics.loop.diagnosis import errors_of
+from hybrid_dynamics.loop.nearer import links_nearer
+from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.simulation.excitation import excitations
+from hybrid_dynamics.trajectory import Trajectory
+
+ROBOT = arm()
+(LINKS,) = family("inertial_parameters").terms(ROBOT, np.ones(2, bool), {})
+
+
+def judged(effects: list[Effect], noise: float, duration: float) -> tuple[Judge, list[Term], list[Run]]:
+    """Of two short runs, with what is named: all links and friction."""
+    settings, rng = LoopSettings(), np.random.default_rng(5)
+
+    def noisy(run: Trajectory) -> Trajectory:
+        return run.with_signals(tau=run["tau"] + noise * rng.normal(size=run["tau"].shape))
+
+    train, test = excitations(ROBOT, effects, train=2, test=1, duration=duration, rate=200.0)
+    logs = read_motion(ROBOT, [noisy(run) for run in train], [noisy(run) for run in test], settings)
+    judge, candidates, _ = gather(Model(ROBOT), logs, settings)
+    friction = next(t for t in candidates if t.effect == "coulomb_friction" and t.joint == 1)
+    return judge.adding([LINKS, friction]), [LINKS, friction], logs.test
+
+
+def test_links_that_are_as_described_are_held_there_and_other_runs_are_predicted_no_worse() -> None:
+    judge, names, test = judged([Effect("coulomb_friction", ("elbow",), {"coulomb_torque": 0.5})], 0.5, 6.0)
+    near, (note,) = links_nearer(judge, names, [])
+    share = near.evidence.problem.links_within
+    assert share in LINKS_WITHIN
+    assert f"{share:.0%}" in note
+    free, held = (np.array(errors_of(refit(j.evidence, names).model(), test)["rmse"]) for j in (judge, near))
+    assert np.sum(held**2) < np.sum(free**2)
+    # Nothing else is held nearer, and the judge who was asked stands where it stood.
+    plain, asked = judge.evidence.problem, near.evidence.problem
+    layouts = [judge.evidence.layout([t]) for t in names]
+    np.testing.assert_allclose(asked.prior(layouts[0]) * share**2, plain.prior(layouts[0]))
+    np.testing.assert_array_equal(asked.prior(layouts[1]), plain.prior(layouts[1]))
+    held_beside = Term(LINKS.effect, None, tuple(sorted([*LINKS.settings, (HELD, 0.1)])))
+    own = judge.evidence.layout([held_beside])
+    np.testing.assert_array_equal(asked.prior(own), plain.prior(own))
+
+
+def test_links_that_are_half_as_heavy_again_are_left_free() -> None:
+    judge, names, _ = judged([heavier_links(0.5)], 0.001, 8.0)
+    near, notes = links_nearer(judge, names, [])
+    assert near.evidence.problem.links_within == 1.0
+    assert notes == []
+
+
+@pytest.mark.parametrize("beside", [[], [Term("torque_offset", 0)]])
+def test_nobody_is_asked_where_the_links_are_no_name(beside: list[Term]) -> None:
+    judge, names, _ = judged([], 0.1, 6.0)
+    same, notes = links_nearer(judge, names[1:], beside)
+    assert same is judge
+    assert notes == []
