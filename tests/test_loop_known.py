@@ -129,6 +129,24 @@ def test_an_only_number_within_two_errors_of_nothing_is_not_known_and_one_of_sev
     assert known_module.unknown({tool: body}, ROBOT) is None
 
 
+@pytest.mark.parametrize(
+    ("name", "amount", "where", "settings"),
+    [
+        ("joint_spring", "stiffness", {"rest_position": 3.0}, {"shape": "linear"}),
+        ("torque_ripple", "amplitude", {"harmonic": 12.0, "phase": 1.0}, {}),
+        ("hysteresis_friction", "coulomb_torque", {"presliding_stiffness": 40.0}, {}),
+    ],
+)
+def test_where_an_effect_acts_says_not_that_it_is_there(name: str, amount: str, where: dict, settings: dict) -> None:
+    # The place is known to a hundredth; of how much there is only that it is so many errors from nothing.
+    for errors, known in ((1.9, False), (2.1, True)):
+        values = {amount: 0.1 * errors, **where}
+        error = {amount: 0.1, **{key: 0.01 * value for key, value in where.items()}}
+        effect = Effect(name, (ELBOW,), values, settings, std_errors=error)
+        term = effect.term(ROBOT)
+        assert (known_module.unknown({term: effect}, ROBOT) is None) is known
+
+
 def test_what_is_published_in_all_is_known_by_what_it_differs_by() -> None:
     """A gain of one is none; a base that is level after all has turned back from where the starting model has it."""
     gain = Effect("torque_gain", (ELBOW,), {"gain": 1.001}, std_errors={"gain": 0.01})

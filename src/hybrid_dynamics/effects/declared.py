@@ -56,6 +56,8 @@ class Declared:
     known_settings: ClassVar[tuple[str, ...]] = ()
     #: Parameters that stand as numbers in the settings of a term and are refined.
     nonlinear_settings: ClassVar[tuple[Refined, ...]] = ()
+    #: Parameters that say where it acts and not how much, beside the refined ones: sure or not, they make no torque.
+    says_where: ClassVar[tuple[str, ...]] = ()
     #: True where the torque depends on the rigid-body torque of the joint, and so on all other effects of the body.
     uses_load: ClassVar[bool] = False
     #: True where the columns follow the torque of the whole model so far (``Motion.given_torque``).

@@ -30,6 +30,7 @@ class HysteresisFriction(Family):
     parameters = (Parameter("presliding_stiffness", "N m/rad"), Parameter("coulomb_torque", "N m"))
     size = 1
     searched = False
+    says_where = ("presliding_stiffness",)
     nonlinear_settings = (Refined(DISPLACEMENT, 1e-3, 0.5),)
     contains = ("coulomb_friction",)
     drawn_against = "q"

@@ -35,6 +35,7 @@ class JointSpring(Family):
     known_settings = (SHAPE, KNOTS)
     equation = r"\tau = k\,(q - q_0)\quad\text{or}\quad \tau = k \sin(q - q_0)\quad\text{or piecewise linear in } q"
     parameters = (Parameter("stiffness", "N m/rad"), Parameter("rest_position", "rad"))
+    says_where = ("rest_position",)
     size = 2
     searched = False
     contains = ("torque_offset",)

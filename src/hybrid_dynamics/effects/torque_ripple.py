@@ -94,6 +94,7 @@ class TorqueRipple(Family):
     searched = False
     several = True
     like_noise = True
+    says_where = ("phase",)
     nonlinear_settings = (Refined(HARMONIC, 0.5, 200.0, log=False),)
     drawn_against = "q"
     shown_by = "the joint moves slowly and evenly over its whole range, in both directions"

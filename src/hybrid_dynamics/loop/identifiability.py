@@ -102,7 +102,7 @@ def fit_alone(
     layout = evidence.layout(terms)
     size = term.size
     own = slice(start, start + size)
-    prior = 1.0 / term.prior_scale(evidence.robot) ** 2
+    prior = evidence.prior(evidence.layout([term]))
     a, b = np.diag(prior), x[own] * prior
     grams = []
     for j, (position, column) in enumerate(evidence.indices(layout)):

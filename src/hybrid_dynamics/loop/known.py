@@ -126,15 +126,23 @@ def _least_known(
 
 
 def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:
-    """The least sure of the terms of ``effects``, found on ``robot``, of which nothing is known: every parameter lies
-    within its standard error of what it is without, the only one of what not every joint has within two of them. No
-    body of ten: in few poses only sums of its numbers are known."""
-    asked = {t: e for t, e in effects.items() if not t.family().is_body}
-    rare = {t: len(e.parameters) == 1 and not t.family().everywhere for t, e in asked.items()}
+    """The least sure of the terms of ``effects``, found on ``robot``, of which nothing is known: every parameter that
+    makes torque lies within its standard error of what it is without, the only one of what not every joint has within
+    two of them. No body of ten: in few poses only sums of its numbers are known."""
+    asked = {t: (e, _amounts(e)) for t, e in effects.items() if not t.family().is_body}
+    rare = {t: len(amounts) == 1 and not t.family().everywhere for t, (_, amounts) in asked.items()}
     least = {t: OF_ONE if rare[t] else OF_SEVERAL for t in asked}
-    sizes = {t: published_in_errors(t, e, robot) / least[t] for t, e in asked.items()}
+    sizes = {t: published_in_errors(t, e, robot, amounts) / least[t] for t, (e, amounts) in asked.items()}
     nothing = [t for t, size in sizes.items() if size < 1.0]
     return min(nothing, key=lambda t: (sizes[t], repr(t)), default=None)
+
+
+def _amounts(effect: Effect) -> list[str]:
+    """The parameters of ``effect`` that say how much there is: a ripple whose length is known to a thousandth may be
+    none, and a spring rests somewhere."""
+    kind = family(effect.effect)
+    where = {*kind.says_where, *(r.name for r in kind.nonlinear_settings)}
+    return [name for name in effect.parameters if name not in where] or list(effect.parameters)
 
 
 def published_in_errors(term: Term, effect: Effect, robot: Robot, names: Collection[str] | None = None) -> float:
