@@ -5,8 +5,8 @@
     python -m tests.operator_swaps try --data build/swaps --sample 100 --seed 1 --out swaps.csv
 
 writes a row an operator (file, line, what became what, caught, by which test, seconds) and says how many were caught.
-Tests are tried in the order of their time, up to ``--seconds`` of them an operator: what is caught later, or by a
-process of its own only, counts as missed. The tree itself is never touched: a copy is.
+Tests are tried in the order of their time, up to ``--seconds`` of them an operator: what is caught later, by a process
+of its own or on import only, counts as missed. ``try`` never touches the tree: it works on a copy.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ PAIRS = (
 OPPOSITE = {**dict(PAIRS), **{b: a for a, b in PAIRS}}
 #: What a copy needs to run the tests.
 COPIED = (
+    "README.md",
     "src",
     "tests",
     "stages",
@@ -79,13 +80,20 @@ class Swap:
 def swaps_of(path: Path, name: str) -> list[Swap]:
     """Every operator of the source at ``path`` that has an opposite; those of types and of messages are none."""
     text = path.read_text()
+    lines = text.splitlines(keepends=True)
     starts = [0]
-    for line in text.splitlines(keepends=True):
+    for line in lines:
         starts.append(starts[-1] + len(line))
+
+    def characters(at: tuple[int, int]) -> tuple[int, int]:
+        # A syntax tree counts bytes, a tokenizer characters.
+        return at[0], len(lines[at[0] - 1].encode()[: at[1]].decode())
+
     tokens = list(tokenize.generate_tokens(io.StringIO(text).readline))
     words = [t for t in tokens if t.type in (tokenize.OP, tokenize.NAME)]
     out = []
-    for left, right in _between(ast.parse(text)):
+    for before, after in _between(ast.parse(text)):
+        left, right = characters(before), characters(after)
         inside = [t for t in words if left <= t.start and t.end <= right and t.string not in ("(", ")")]
         old = " ".join(t.string for t in inside)
         if old in OPPOSITE:
@@ -119,6 +127,7 @@ def _between(tree: ast.AST) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]
 
 def cover(data: Path) -> None:
     """Run the fast tests once and write into ``data`` which lines each ran and how long it took."""
+    data = data.resolve()
     data.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "pytest", "-n", "2", "--dist", "loadfile", "-m", "not slow", "-p", "pytest_cov"]
     command += ["--cov", PACKAGE, "--cov-context=test", "--cov-report=", f"--junit-xml={data / 'times.xml'}"]
@@ -178,19 +187,27 @@ def tried(swap: Swap, tests: Sequence[str], tree: Path, limit: float) -> str:
     text = path.read_text()
     path.write_text(text[: swap.start] + swap.new + text[swap.stop :])
     try:
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
-        environment = {**os.environ, "PYTHONPATH": f"{tree}:{tree / 'src'}"}
-        done = subprocess.run(
-            command, cwd=tree, env=environment, capture_output=True, text=True, timeout=3 * limit + 120, check=False
-        )
+        failed = _failing(tests, tree, 3 * limit + 120)
     except subprocess.TimeoutExpired:
         return "does not end"
     finally:
         path.write_text(text)
+    if failed in tests and _failing([failed], tree, 3 * limit + 120):
+        raise SystemExit(f"error: {failed} fails in an unchanged copy, too; make the suite green first")
+    return failed
+
+
+def _failing(tests: Sequence[str], tree: Path, limit: float) -> str:
+    """The first of ``tests`` that fails in ``tree``, or that they cannot run; "" where all pass in ``limit`` [s]."""
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+    environment = {**os.environ, "PYTHONPATH": f"{tree}:{tree / 'src'}"}
+    done = subprocess.run(
+        command, cwd=tree, env=environment, capture_output=True, text=True, timeout=limit, check=False
+    )
     if done.returncode == 0:
         return ""
-    failed = re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
-    return failed[0] if failed else "cannot be read"
+    failed = re.findall(r"^(?:FAILED|ERROR) (tests/.*?)(?: - .*)?$", done.stdout, re.MULTILINE)
+    return str(failed[0]) if failed else "cannot be run"
 
 
 def attempt(arguments: argparse.Namespace) -> int:

@@ -9,12 +9,15 @@ from tests.small_arm import arm, heavier_links
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop import find as find_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import LINKS_WITHIN
 from hybrid_dynamics.loop.diagnosis import errors_of
+from hybrid_dynamics.loop.identifiability import undetermined
 from hybrid_dynamics.loop.nearer import links_nearer
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.tangents import published_covariance
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.trajectory import Trajectory
@@ -68,3 +71,35 @@ def test_nobody_is_asked_where_the_links_are_no_name(beside: list[Term]) -> None
     same, notes = links_nearer(judge, names[1:], beside)
     assert same is judge
     assert notes == []
+
+
+def test_what_is_left_open_and_how_sure_the_rest_is_are_told_as_with_free_links() -> None:
+    judge, names, _ = judged([Effect("coulomb_friction", ("elbow",), {"coulomb_torque": 0.5})], 0.5, 6.0)
+    open_, errors = [], []
+    for share in (1.0, *LINKS_WITHIN):
+        evidence = judge.evidence.holding_links(share)
+        open_.append(undetermined(evidence, names, LINKS))
+        errors.append(np.sqrt(np.diag(published_covariance(evidence, names, evidence.fit(names)))))
+    assert len(open_[0]) > 0
+    assert all(left == open_[0] for left in open_)
+    # What only the prior holds is as unknown as ever.
+    plausible = LINKS.prior_scale(ROBOT)
+    silent = errors[0][:20] > 0.95 * plausible
+    assert silent.any()
+    for own in errors[1:]:
+        np.testing.assert_allclose(own[:20][silent], errors[0][:20][silent], rtol=0.06)
+
+
+def test_a_search_ends_with_the_links_held_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = LoopSettings(effects=("inertial_parameters",))
+    train, _ = excitations(ROBOT, [heavier_links(0.4)], train=2, test=0, duration=8.0, rate=200.0)
+    judge, candidates, _ = gather(Model(ROBOT), read_motion(ROBOT, train, [], settings), settings)
+
+    def nearer(there: Judge, chosen: list[Term], beside: list[Term]) -> tuple[Judge, list[str]]:
+        return there.over(there.evidence.holding_links(0.05)), ["near"]
+
+    monkeypatch.setattr(find_module, "links_nearer", nearer)
+    found = find_module.find(judge, candidates, lambda step: None)
+    assert [t.effect for t in found.terms] == ["inertial_parameters"]
+    assert found.judge.evidence.problem.links_within == 0.05
+    assert found.notes == ["near"]

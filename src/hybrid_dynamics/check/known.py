@@ -27,7 +27,7 @@ from hybrid_dynamics.types import Array
 
 #: Shares of a joint's mean square: missed from here on, hit up to here; no joint may get worse by more than the last.
 MISSED, HIT, WORSE = 0.3, 0.05, 0.02
-#: A torque of so small a mean square [(N m)^2] is that of a joint that nobody measured, and rounding.
+#: A torque of so small a mean square [(N m)^2, N^2] is that of a joint that nobody measured, and rounding.
 SILENT = 1e-18
 #: One factor is that of at least two joints whose torque is this share of the largest (rms), by so much (natural
 #: logarithm) at most.

@@ -168,7 +168,7 @@ def _part(xp: Any, q: Any, knots: Sequence[float], k: int) -> Any:
 
 def _rest(x: Array, knots: Sequence[float]) -> float:
     """Position nearest to the middle of the knots where a piecewise spring has no torque; on the outer pieces, which go
-    on beyond the knots, else."""
+    on beyond the knots, else; of one that is nowhere without torque the knot of the least."""
     grid = np.array(knots)
     torque = np.array([sum(s * _part(np, q, knots, k) for k, s in enumerate(x[:-1])) - x[-1] for q in grid])
     found = [

@@ -145,7 +145,8 @@ def _close(
 
     progress(0.9, "describing what is left")
     # Where runs disagree the evidence is of effects with parameters for every run.
-    rival = better_with_everything(judge, [] if found.inconsistent else terms, said.model, logs.test, logs.rounded_away)
+    free = judge.over(judge.evidence.holding_links(1.0))
+    rival = better_with_everything(free, [] if found.inconsistent else terms, said.model, logs.test, logs.rounded_away)
     only = [f"looked for {', '.join(settings.effects)} and nothing else"] if settings.effects else []
     notes = [
         *only,

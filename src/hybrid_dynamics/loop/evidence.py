@@ -157,6 +157,8 @@ class Evidence:
 
     def holding_links(self, share: float) -> Evidence:
         """Where all links, as a name, are held within ``share`` of what is plausible of them."""
+        if share == self.problem.links_within:
+            return self
         return Evidence(self._linear.holding_links(share), self.weights, self._at_rest)
 
     def fold_by_time(self) -> Evidence:

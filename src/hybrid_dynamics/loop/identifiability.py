@@ -26,7 +26,8 @@ SHARED = 0.01
 def undetermined(evidence: Evidence, terms: Sequence[Term], term: Term) -> list[str]:
     """Published parameters of ``term`` that the data leaves to the prior, or to another of ``terms``: on a joint that
     turns one way only Coulomb friction and an offset are one constant."""
-    layout = evidence.layout(terms)
+    # How near links are held for the prediction says nothing of them.
+    evidence, layout = evidence.holding_links(1.0), evidence.layout(terms)
     # What is held to be like another number is not known by that, nor what friction may hold at rest.
     held = evidence.problem.alike(layout) + evidence.rest_normal(layout)
     scale, values, vectors = directions(evidence.normal(layout)[0] - held)
@@ -102,7 +103,7 @@ def fit_alone(
     layout = evidence.layout(terms)
     size = term.size
     own = slice(start, start + size)
-    prior = evidence.prior(evidence.layout([term]))
+    prior = 1.0 / term.prior_scale(evidence.robot) ** 2
     a, b = np.diag(prior), x[own] * prior
     grams = []
     for j, (position, column) in enumerate(evidence.indices(layout)):

@@ -2,7 +2,8 @@
 
 A few poses determine few of their sixty or seventy numbers, and little of what they leave to the prior is nothing: with
 a prior as wide as half a link's mass the rest follows the noise and whatever law is missing, which other motions
-contradict. Held-out rows choose, from what is plausible of any link to a fortieth of it (as for links that are no name,
+contradict. For the prediction alone: standard errors, and what these runs leave open, are told as with the widest.
+Held-out rows choose, from what is plausible of any link to a twentieth of it (as for links that are no name,
 :mod:`.beside`). Of eight cuts of 4 to 20 s of two recorded arms and of three that the project had not seen, what they
 chose predicted the test runs as well (within 1 %) or better (by up to 14 %).
 """

@@ -29,17 +29,22 @@ _BALL = np.array([1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 2.0, 0.0, 0.0, 2.0])
 _MARGIN = 1e-8
 #: The farthest constraint lies at most 1 / this from the origin in the solver's units; tried in turn.
 FARTHEST = (0.02, 0.2, 2.0)
-#: How the solver is asked again where it does not converge, in turn: with shorter steps, in units of our own, and for
-#: less precision (a minimum at the end of a long thin valley, or a log without noise, whose weights are huge).
-AGAIN: tuple[dict[str, Any], ...] = (
-    {},
-    {"max_step_fraction": 0.9},
-    {"equilibrate_enable": False},
-    {"equilibrate_enable": False, "tol_gap_abs": 1e-6, "tol_gap_rel": 1e-6, "tol_feas": 1e-6},
+#: A share of the diagonal that is added to it where the solver does not converge: two columns that are one leave a
+#: direction of which only rounding says anything, and along it the minimum lies anywhere.
+RIDGE = 1e-7
+#: How the solver is then asked, in turn, with a margin inside what can exist and without one (in the units of a log
+#: without noise it lies too far off): as ever, with shorter steps, in units of our own, at last for less precision.
+STEPS = {"max_step_fraction": 0.9}
+OWN = {"equilibrate_enable": False}
+LOOSE = {**OWN, "tol_gap_abs": 1e-6, "tol_gap_rel": 1e-6, "tol_feas": 1e-6}
+TRIES: tuple[tuple[float, Mapping[str, Any], bool], ...] = (
+    (0.0, {}, True),
+    *((RIDGE, again, True) for again in ({}, STEPS, OWN)),
+    *((RIDGE, again, False) for again in ({}, OWN)),
+    *((RIDGE, LOOSE, margin) for margin in (True, False)),
 )
-#: Shares of the diagonal that are added to it at last: two columns that are one leave a direction of which only
-#: rounding says anything, and along it the minimum lies anywhere.
-RIDGES = (0.0, 1e-9, 1e-7)
+#: Bodies that the solver leaves further outside than this [kg, kg m^2] are no solution.
+OUTSIDE = 1e-5
 
 
 def _cone_rows() -> tuple[Array, Array]:
@@ -147,14 +152,15 @@ def solve_bounded(a: Array, b: Array, lower: Array) -> Array:
 
 
 def solve(a: Array, b: Array, constraints: Constraints) -> Array:
-    """Minimiser under all ``constraints``; exact where only bounds are active, else to the solver's tolerance."""
+    """Minimiser under all ``constraints``; exact where only bounds are active, else to the solver's tolerance, and with
+    the remedies of :data:`TRIES` where it does not converge. Bodies can exist."""
     x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
     if not constraints.coupled or constraints.satisfied(np.maximum(x, constraints.lower)):
         return x
-    for ridge, margin, again, farthest in product(RIDGES, (True, False), AGAIN, FARTHEST):
+    for (ridge, again, margin), farthest in product(TRIES, FARTHEST):
         solution = _solve_cones(a + ridge * np.diag(np.diag(a)), b, constraints, farthest, again, margin)
-        if solution is not None:
-            return _inside(solution, constraints)
+        if solution is not None and (inside := _inside(solution, constraints)) is not None:
+            return inside
     raise RuntimeError(f"the physically consistent fit of {len(b)} coordinates did not converge")
 
 
@@ -172,11 +178,15 @@ def _sparse(data: Array, indices: Any, starts: Any, shape: tuple[int, int]) -> c
     return out
 
 
-def _inside(x: Array, constraints: Constraints) -> Array:
-    """``x`` with a point mass and a ball on each body that lies outside what can exist, by the solver's tolerance."""
+def _inside(x: Array, constraints: Constraints) -> Array | None:
+    """``x`` with a point mass and a ball on each body that lies outside what can exist, or on its rim, by the solver's
+    tolerance; None where one lies further outside."""
+    x = x.copy()
     for start, offset in constraints.bodies:
         short = _MARGIN - float(np.linalg.eigvalsh(np.tensordot(offset + x[start : start + 10], _BASIS, axes=1))[0])
-        if short > _MARGIN:
+        if short > OUTSIDE:
+            return None
+        if short > 0.5 * _MARGIN:
             x[start : start + 10] += short * _BALL
     return x
 
@@ -188,7 +198,7 @@ def _solve_cones(
 
     Constraints far beyond what the data asks for would spoil the solver's start: the farthest lies at most at
     1 / ``farthest``. ``again``: settings of the solver other than ours; without ``margin`` bodies may lie on the
-    rim of what can exist (in the units of a log without noise it lies too far off). None where it does not converge.
+    rim of what can exist. None where it does not converge.
     """
     unit = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
     bounded = np.flatnonzero(np.isfinite(constraints.lower))

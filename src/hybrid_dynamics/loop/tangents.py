@@ -38,7 +38,13 @@ def published_covariance(evidence: Evidence, terms: Sequence[Term], x: Array) ->
     place, found = shared_gain(layout), links_of(layout)
     if place is None or found is None:
         return covariance
-    factor = common_factor(evidence, terms, x, covariance[: layout.total, : layout.total])
+    free = evidence.holding_links(1.0)
+    if free is evidence:
+        factor = common_factor(evidence, terms, x, covariance[: layout.total, : layout.total])
+    else:
+        # Links that are held near say too little of how much they scatter.
+        loose = free.fit(terms)
+        factor = common_factor(free, terms, loose, covariance_with_settings(free, terms, loose)[: len(x), : len(x)])
     assert factor is not None
     links, own = found
     along = np.zeros(len(covariance))
@@ -76,18 +82,25 @@ def prior_covariance(evidence: Evidence, layout: Layout, normal: Array) -> Array
 
     The estimate is off by ``inverse(normal) @ precision @ (x - start)``, and the prior says how large that difference
     may be. Nothing where the data tells; where it does not, the prior's own spread: a parameter that was left where
-    it stood is unknown, not exact.
+    it stood is unknown, not exact. Links that are held nearer for the prediction (:mod:`.nearer`) are no better known
+    for that: they differ by what is plausible of any.
     """
-    precision, own = np.zeros(normal.shape), slice(layout.total)
-    precision[own, own] = np.diag(evidence.prior(layout)) + evidence.problem.alike(layout)
+    own, held_near = slice(layout.total), evidence.prior(layout)
+    nearer = held_near / evidence.holding_links(1.0).prior(layout)
+
+    def pulled(precision: Array) -> Array:
+        whole = np.zeros(normal.shape)
+        whole[own, own] = np.diag(precision) + evidence.problem.alike(layout)
+        return np.asarray(vectors.T @ (scale[:, None] * whole * scale) @ vectors)
+
     scale, values, vectors = directions(normal)
-    pull = vectors.T @ (scale[:, None] * precision * scale) @ vectors
+    pull = pulled(held_near)
     # A direction that no sample knows at all lies below rounding in the normal matrix: the prior alone holds it. A
     # nonlinear parameter has none: of a law that makes no torque nothing is known, and nothing is said.
     held = np.where(np.diag(pull) > 0, np.diag(pull), np.inf)
     size = np.where(values > ONE_DIRECTION, values, held)
     inverse = scale[:, None] * vectors / size
-    return np.asarray(inverse @ pull @ inverse.T)
+    return np.asarray(inverse @ pulled(held_near * nearer) @ inverse.T)
 
 
 def directions(normal: Array) -> tuple[Array, Array, Array]:
