@@ -16,7 +16,7 @@ from hybrid_dynamics.loop.augment import effects_of, refit
 from hybrid_dynamics.loop.diagnosis import predict_run
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.process import thinned
-from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
+from hybrid_dynamics.loop.solve import FARTHEST, TRIES, Constraints, _inside, _solve_cones, solve, solve_bounded
 from hybrid_dynamics.robots import Robot, find_description
 from hybrid_dynamics.simulation.excitation import excitations
 from hybrid_dynamics.trajectory import Trajectory
@@ -246,6 +246,29 @@ def test_two_columns_that_are_one_do_not_stop_a_physical_fit(seed):
     np.testing.assert_allclose([x[10] + x[12], x[11]], single[10:], atol=2e-3)
     # Of what rounding asks of the one against the other nothing comes.
     assert np.abs(x[[10, 12]]).max() < 10.0
+
+
+@pytest.mark.parametrize(("ridge", "again", "margin"), TRIES)
+def test_however_the_solver_is_asked_a_well_posed_fit_is_the_same(ridge, again, margin):
+    rng = np.random.default_rng(2)
+    rows = rng.normal(size=(400, 10))
+    a = 1e4 * rows.T @ rows
+    wanted = np.array([2.0, 0.1, 0.0, 0.2, 0.05, 0.0, 0.06, -0.01, 0.0, 0.5])
+    constraints = Constraints(np.full(10, -np.inf), ((0, np.zeros(10)),))
+    x = _solve_cones(a + ridge * np.diag(np.diag(a)), a @ wanted, constraints, FARTHEST[0], again, margin)
+    assert not is_physical(wanted)
+    np.testing.assert_allclose(x, solve(a, a @ wanted, constraints), atol=2e-4)
+
+
+def test_a_body_far_outside_what_can_exist_is_no_solution_and_one_on_the_rim_is_pushed_inside():
+    constraints = Constraints(np.full(10, -np.inf), ((0, np.zeros(10)),))
+    body = np.array([1.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.4 + 1e-12])
+    inside = _inside(body, constraints)
+    assert np.linalg.eigvalsh(pseudo_inertia(inside))[0] == pytest.approx(1e-8, rel=0.01)
+    np.testing.assert_allclose(inside, body, atol=1e-7)
+    assert _inside(body + np.eye(10)[9] * 1e-3, constraints) is None
+    solid = np.array([1.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.2])
+    np.testing.assert_array_equal(_inside(solid, constraints), solid)
 
 
 @pytest.mark.parametrize(

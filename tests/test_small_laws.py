@@ -39,7 +39,9 @@ def test_a_spring_rests_where_its_torque_is_nothing_also_beyond_its_knots():
         np.testing.assert_allclose(kind.coordinates_of(kind.parameters_of(x, arm(), term), arm(), term), x)
 
 
-@pytest.mark.parametrize("text", ["load(q1)", "eval(q1)", "sin(q1, q2)", "sin(q1, x=q2)", "q1.real", "sin"])
+@pytest.mark.parametrize(
+    "text", ["load(q1)", "eval(q1)", "sin(q1, q2)", "sin(q1, x=q2)", "q1.real", "sin", "1e999*q1", "True*q1", "'a'"]
+)
 def test_an_expression_calls_nothing_but_its_few_functions(text):
     assert compile_law("sin(q1)") is not None
     with pytest.raises(InputError, match="is not allowed"):
