@@ -293,3 +293,20 @@ def test_the_same_doubt_on_several_joints_is_one_line():
     assert notes(value) == ["another note"]
     source = inspect.getsource(describe)
     assert all(words in source for words in TOLD_ALREADY)
+
+
+def test_names_that_the_test_runs_do_not_decide_are_told_on_the_terminal():
+    value = diagnosis()
+    effect = value.pop("effect")
+
+    def found(joint: str, change: float, **more: object) -> dict:
+        own = {"confirmed": True, "test_change": {"value": change, "std_error": 0.2}}
+        return effect("torque_gain", [joint], ("gain", 1.31, "1"), **own | more)
+
+    value["effects"] = [found("a", 0.53), found("b", -0.9)]
+    line = "in the model, and not decided by the test runs: torque gain on a"
+    assert line in details(value)
+    # Controls: decided, contradicted, and no test run asked.
+    for other in (found("a", -0.9), found("a", 0.9, confirmed=False), effect("payload", [], ("mass", 1.0, "kg"))):
+        value["effects"] = [other]
+        assert not any("not decided" in told for told in details(value))

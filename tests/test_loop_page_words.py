@@ -260,6 +260,22 @@ def test_a_name_is_confirmed_only_where_the_held_out_runs_surely_gain() -> None:
         "Not decided by them: 1, armature (a). Contradicted and not in the model: 1, armature (c)."
     )
     assert told(sure, sure) == "The held-out runs confirm all 2 names: with them they are predicted better."
+    assert told(sure) == "The held-out runs confirm the name: with it they are predicted better."
+    assert told(chance) == (
+        "The held-out runs do not confirm the name. "
+        "Not decided by them: 1, armature (a). Contradicted and not in the model: none."
+    )
+
+
+@pytest.mark.parametrize(
+    ("after", "expected"),
+    [([1.0, 2.0], "it stays as it was."), ([0.5, 1.0], "it becomes 2 times smaller."), ([0.5, 2.0], "1 to 2 times")],
+)
+def test_an_error_that_stays_is_not_told_to_become_smaller(after: list[float], expected: str) -> None:
+    error = {"rmse": [1.0, 2.0], "relative_error": 0.2}
+    test = {"before": error, "after": error | {"rmse": after}, "after_confirmed": error | {"rmse": after}}
+    told = words.gains({"effects": [{"confirmed": True}], "error": {"test": test}})
+    assert expected in told
 
 
 def test_names_that_the_held_out_runs_do_not_decide_come_last_and_say_so() -> None:

@@ -21,6 +21,7 @@ from hybrid_dynamics.loop_report.words import (
     other_notes,
     share,
     slides,
+    standing,
     title_of,
     value_of,
     verdict_words,
@@ -90,6 +91,8 @@ def details(diagnosis: Mapping[str, Any]) -> list[str]:
         if not confirmed(entry):
             why = f": {entry['why_not']}" if entry.get("why_not") else ""
             out.append(f"contradicted by the test runs, not in the model: {place(entry)}{why}")
+    if open_ := [place(e) for e in diagnosis["effects"] if "confirmed" in e and standing(e) == "undecided"]:
+        out.append(f"in the model, and not decided by the test runs: {', '.join(open_)}")
     out += _alike(diagnosis["effects"])
     for entry in diagnosis["effects"]:
         if entry.get("undetermined_parameters"):

@@ -290,8 +290,8 @@ def _no_better(robot: Robot, useless: NDArray[np.bool_], held_out: Array) -> lis
         return []
     each = ", ".join(f"{robot.joint_names[j]} (rmse {held_out[j]:.2g} of its spread)" for j in np.flatnonzero(useless))
     return [
-        f"{NO_BETTER}: {each}; before anything is made of this model: is the log of this robot, and read as it is "
-        "meant (hybrid-dynamics check)? do the test runs move as the training runs do?"
+        f"{NO_BETTER}: {each}; before anything is made of this model, see that the log is of this robot and read as it "
+        "is meant (hybrid-dynamics check), and that the test runs move as the training runs do"
     ]
 
 

@@ -225,10 +225,10 @@ def gains(d: Diagnosis) -> str:
     factors = [b / a for b, a in zip(before["rmse"], after["rmse"], strict=True) if a > 0]
     least, most = plain(min(factors)), plain(max(factors))
     spread = least if least == most else f"{least} to {most}"
+    by_joint = "it stays as it was" if spread == "1" else f"it becomes {spread} times smaller"
     return (
         f"On held-out runs the torque error falls from {share(before['relative_error'], 3)} to "
-        f"{share(after['relative_error'], 3)} of the torque (pooled over all joints); joint by joint it becomes "
-        f"{spread} times smaller."
+        f"{share(after['relative_error'], 3)} of the torque (pooled over all joints); joint by joint {by_joint}."
     )
 
 
@@ -266,7 +266,10 @@ def _asked(asked: Sequence[Mapping[str, Any]]) -> list[str]:
     better = "with them they are predicted better" if len(asked) > 1 else "with it they are predicted better"
     if sure == len(asked):
         return [f"The held-out runs confirm {all_of_them}: {better}."]
-    out = [f"The held-out runs confirm {sure or 'none'} of {len(asked)} names{f': {better}' if sure else ''}."]
+    if len(asked) == 1:
+        out = ["The held-out runs do not confirm the name."]
+    else:
+        out = [f"The held-out runs confirm {sure or 'none'} of {len(asked)} names{f': {better}' if sure else ''}."]
     for kind, what_of_it in (
         ("undecided", "Not decided by them"),
         ("contradicted", "Contradicted and not in the model"),
