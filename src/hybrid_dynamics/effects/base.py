@@ -93,6 +93,11 @@ class Term:
         return self.family().place(self)
 
     @property
+    def is_finding(self) -> bool:
+        """False for what is estimated beside others only (:data:`HELD`)."""
+        return HELD not in self.options
+
+    @property
     def as_finding(self) -> Term:
         """The same place as it is named: what is estimated beside others only is no finding (:data:`HELD`)."""
         return replace(self, settings=tuple(s for s in self.settings if s[0] != HELD))
@@ -297,6 +302,11 @@ class Family(Law):
 
     def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
         """Bodies that must stay physical: first of ten coordinates, and the inertia (10,) they are added to."""
+        return []
+
+    def matter(self, robot: Robot, term: Term) -> list[tuple[int, Array, Array]]:
+        """Bodies of which it is known how far from their joint they reach: first of ten coordinates, the inertia (10,)
+        they are added to, and what (10,) times their sum is at least zero then."""
         return []
 
     def inertial_changes(self, x: Array, robot: Robot, term: Term) -> list[Array]:

@@ -27,6 +27,8 @@ BODY_PARAMETERS = (
 )
 #: Where data leaves a direction open, it is held near zero on these scales (kg, kg m, kg m^2).
 BODY_SCALE = np.array([5.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3])
+#: A link lies within this many times the distance to the joints around it, or of the model's own matter.
+ROOM = 1.5
 
 
 def body_scale(own: Array) -> Array:
@@ -120,6 +122,36 @@ def cannot_be(robot: Robot, change: Array) -> bool:
     reach = spans + max(float(np.linalg.norm(own[1:4])) / float(own[0]) for own in bodies)
     mass = float(masses.sum())
     return bool(abs(change[0]) > mass or np.linalg.norm(change[1:4]) > mass * reach)
+
+
+def radii(robot: Robot) -> Array:
+    """Radius (n,) [m] of a ball about every joint that the link it moves lies in, with room to spare: a link reaches
+    from the joint before it to those behind it, and about as far as the model's own matter. inf where nothing is known:
+    the last link may carry a tool as long as half the arm, a slide or its rail be as long as it likes."""
+    model, own = robot.model, [link_parameters(robot, k) for k in range(robot.n_joints)]
+    steps = np.array([float(np.linalg.norm(model.jointPlacements[i].translation)) for i in robot.joint_ids])
+    after = np.zeros(robot.n_joints)
+    number = {joint: k for k, joint in enumerate(robot.joint_ids)}
+    sliding, last = np.isin(robot.joint_names, robot.prismatic), np.ones(robot.n_joints, bool)
+    for k, joint in enumerate(robot.joint_ids):
+        if (parent := number.get(model.parents[joint])) is not None:
+            after[parent], last[parent] = max(after[parent], steps[k]), False
+            sliding[parent] |= robot.joint_names[k] in robot.prismatic
+    matter = np.array([np.sqrt(max(float(b[4] + b[6] + b[9]) / 2, 0.0) / b[0]) if b[0] > 0 else np.inf for b in own])
+    # The first joint's own placement is that of the base.
+    before = np.where(np.isin([model.parents[i] for i in robot.joint_ids], robot.joint_ids), steps, 0.0)
+    reach = float(before.sum() + matter[last & np.isfinite(matter)].max(initial=0.0))
+    radius = ROOM * np.max([before, after, matter, np.where(last, reach / 2, reach / 10)], axis=0)
+    return np.where(sliding, np.inf, radius)
+
+
+def in_ball(radius: float) -> Array:
+    """(10,): this times dynamic parameters is at least zero for every body that lies within ``radius`` [m] of its
+    frame's origin: mass times the radius' square less the second moment (Wensing, Kim and Slotine, RA-L 2018, sec. IV:
+    the bounding ellipsoid, here a ball)."""
+    row = np.zeros(10)
+    row[0], row[[4, 6, 9]] = radius**2, -0.5
+    return row
 
 
 def random_block(rng: np.random.Generator) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.loop.all_gains import from_gains
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.balanced import balanced
 from hybrid_dynamics.loop.cheaper import cheaper
@@ -26,7 +27,7 @@ from hybrid_dynamics.loop.further import (
     simplify,
     simplify_bodies,
 )
-from hybrid_dynamics.loop.known import known_and_beside, notes_on, taken_back
+from hybrid_dynamics.loop.known import known_and_beside, much_worse, notes_on, taken_back
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.narrow import narrowed
@@ -50,8 +51,6 @@ MOST_WEIGHINGS = 2
 LOUD = 2.0
 #: So often at most others are asked after something has been let go of.
 MOST_RETURNS = 2
-#: A joint of which so many times as much is left without a cause is wrong by what that had balanced.
-WRONG = 2.0
 
 
 def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None], start: Model | None = None) -> Found:
@@ -73,6 +72,9 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, further = search(weighed_by(judge, lower), candidates, report, chosen)
         steps += further
         chosen = list(further[-1].terms)
+    judge, chosen, gains, further = from_gains(judge, chosen, candidates, report)
+    candidates += gains
+    steps += further
     judge, chosen, offered, further = _with_the_rest(judge, chosen, candidates, report)
     steps += further
     # Another form of what has been looked for already is new, too.
@@ -184,8 +186,7 @@ def _missed(judge: Judge, chosen: Sequence[Term], names: Sequence[Term], beside:
     judge = as_left(judge.at(chosen), chosen).adding([*names, *beside])
     held = judge.evidence.held
     after, before = held([*names, *beside], physical=True), held(list(chosen), physical=True)
-    much = np.any(judge.mean_square(after) > WRONG * judge.mean_square(before))
-    return lost if much and not judge.as_good(after, before) else []
+    return lost if much_worse(judge, after, before) else []
 
 
 def with_contacts(found: Found, logs: Logs) -> Found:

@@ -25,6 +25,7 @@ from hybrid_dynamics.loop.beside import (
     speaks_against,
 )
 from hybrid_dynamics.loop.further import plainer_forms
+from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.loop.weighing import as_left
 from hybrid_dynamics.robots import Robot
@@ -33,6 +34,8 @@ from hybrid_dynamics.robots import Robot
 #: nothing it may well be nothing, while of several that are sure together each can be unsure. (Friction, an offset and
 #: a rotor every real joint has: of these one is enough.)
 OF_SEVERAL, OF_ONE = 1.0, 2.0
+#: A joint of which so many times as much is left (mean square) without a cause is wrong by what that had balanced.
+WRONG = 2.0
 
 
 def known_and_beside(
@@ -111,10 +114,18 @@ def with_links(
         return judge, list(names), list(beside)
     asked = judge.adding([*kept, *plain, *links])
     before = asked.evidence.held([*names, *beside], physical=True)
-    if speaks_against(asked, asked.evidence.held([*kept, *plain, *links], physical=True), before):
+    after = asked.evidence.held([*kept, *plain, *links], physical=True)
+    if speaks_against(asked, after, before) or (len(kept) < len(names) and much_worse(asked, after, before)):
         return judge, list(names), list(beside)
     there, _ = _published(as_left(there, [*kept, *plain, *links]), kept, [*plain, *links])
     return there, kept, [*plain, *links]
+
+
+def much_worse(judge: Judge, new: Held, old: Held) -> bool:
+    """True where ``new`` predicts held-out rows worse than ``old`` beyond uncertainty, one joint :data:`WRONG` times
+    so: no link stands for what went then."""
+    much = np.any(judge.mean_square(new) > WRONG * judge.mean_square(old))
+    return bool(much) and not judge.as_good(new, old)
 
 
 def _least_known(

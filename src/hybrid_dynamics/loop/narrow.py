@@ -88,6 +88,10 @@ def _by_size(
         more = (tuple(t for t in free if t in g or t == c) for g in best for c in free)
         groups = held([g for g in more if len(g) == size])
         yield groups
+    # What a drive makes of a current is off on every joint in its own way.
+    gains = tuple(c for c in single if c.family().changes_reading and c.family().uses_torque)
+    if len(gains) > FEW:
+        yield held([gains])
 
 
 def _in_their_place(

@@ -44,6 +44,12 @@ def physical_constraints(
         bodies += [(start + first, offset) for first, offset in term.family().inertial_bodies(robot, term)]
     at = list(zip(terms, starts, strict=True))
     rows, least = [], []
+    for term, start in at:
+        for first, own, within in term.family().matter(robot, term):
+            rows.append(np.zeros(total))
+            rows[-1][start + first : start + first + 10] = within
+            # A starting model whose links reach farther need not be mended.
+            least.append(min(-float(within @ own), 0.0))
 
     def started(joint: int, speed: float, kind: Callable[[Term], bool], unit: Callable[[Term, float], Array]) -> float:
         return sum(float(unit(s, speed) @ x) for s, x in base.items() if s.joint == joint and kind(s))

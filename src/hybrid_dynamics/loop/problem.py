@@ -15,7 +15,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Effect, Motion, Term, family
 from hybrid_dynamics.effects.acting import late
-from hybrid_dynamics.effects.base import HELD, acts_in
+from hybrid_dynamics.effects.base import acts_in
 from hybrid_dynamics.loop.blocks import Blocks, folds_of
 from hybrid_dynamics.loop.layout import Layout, make_room
 from hybrid_dynamics.loop.model import Model
@@ -210,7 +210,7 @@ class Problem:
     def _prior(self, term: Term) -> Array:
         """Weight (p,) that holds the coordinates of ``term`` to zero."""
         if term not in self._priors:
-            named = term.family().all_links and HELD not in term.options
+            named = term.family().all_links and term.is_finding
             within = self.links_within if named else 1.0
             self._priors[term] = 1.0 / (within * term.prior_scale(self.robot)) ** 2
         return self._priors[term]

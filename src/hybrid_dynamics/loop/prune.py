@@ -46,15 +46,15 @@ def on_every_joint(candidates: Sequence[Term]) -> list[Term]:
 
 
 def from_everything(
-    judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None]
+    judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None], more: Sequence[Term] = ()
 ) -> tuple[Judge, list[Step]]:
-    """Steps from all joint-wise effects of one coefficient, over the bodies they leave room for, to what is needed;
-    and the judge there.
+    """Steps from all joint-wise effects of one coefficient and what there is ``more``, over the bodies they leave room
+    for, to what is needed; and the judge there.
 
     No steps where nothing acts on a single joint. Ends: bodies are only added, at most each once; then effects are only
     dropped.
     """
-    current = on_every_joint(candidates)
+    current = [*on_every_joint(candidates), *more]
     if not current:
         return judge, []
     judge = judge.at(current)

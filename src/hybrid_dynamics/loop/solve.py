@@ -55,7 +55,7 @@ def _cone_rows() -> tuple[Array, Array]:
     return scale[:, None] * np.array([m[pick] for m in _BASIS]).T, scale * _MARGIN * np.eye(4)[pick]
 
 
-_TRIANGLE, _INSIDE = _cone_rows()
+_TRIANGLE, _RIM = _cone_rows()
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,8 @@ class Constraints:
             body = np.zeros((10, total))
             body[:, start : start + 10] = _TRIANGLE
             blocks.append(body)
-            limits.append(_INSIDE - _TRIANGLE @ offset)
-            inside.append(_INSIDE)
+            limits.append(_RIM - _TRIANGLE @ offset)
+            inside.append(_RIM)
             cones.append(clarabel.PSDTriangleConeT(4))
         group = np.concatenate([np.arange(half_spaces), half_spaces + np.repeat(np.arange(len(self.bodies)), 10)])
         rows, limit = csc_matrix(np.vstack(blocks)), np.concatenate(limits)
@@ -158,7 +158,8 @@ def solve(a: Array, b: Array, constraints: Constraints) -> Array:
     if not constraints.coupled or constraints.satisfied(np.maximum(x, constraints.lower)):
         return x
     for (ridge, again, margin), farthest in product(TRIES, FARTHEST):
-        solution = _solve_cones(a + ridge * np.diag(np.diag(a)), b, constraints, farthest, again, margin)
+        stiffer = a + ridge * np.diag(np.diag(a)) if ridge else a
+        solution = _solve_cones(stiffer, b, constraints, farthest, again, margin)
         if solution is not None and (inside := _inside(solution, constraints)) is not None:
             return inside
     raise RuntimeError(f"the physically consistent fit of {len(b)} coordinates did not converge")
