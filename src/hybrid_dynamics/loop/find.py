@@ -27,6 +27,7 @@ from hybrid_dynamics.loop.further import (
     simplify,
     simplify_bodies,
 )
+from hybrid_dynamics.loop.in_the_hand import payload_for_links
 from hybrid_dynamics.loop.known import known_and_beside, much_worse, notes_on, taken_back
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
@@ -155,7 +156,7 @@ def _sifted(
         judge, chosen = without_noise(judge, chosen)
     # What is left now beside a body may show that less than a body does, and that what had balanced it is nothing.
     bodies = chosen
-    judge, chosen = simplify_bodies(judge, bodies, candidates)
+    judge, chosen = payload_for_links(*simplify_bodies(judge, bodies, candidates), candidates)
     judge, plainer = cheaper(judge, chosen)
     if plainer != chosen:
         # What had balanced the costlier law on other joints need not be sure any more.
