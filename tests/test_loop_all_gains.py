@@ -9,7 +9,7 @@ import pytest
 from tests.panda_arm import FINGERS, JOINTS
 
 from hybrid_dynamics.effects import Effect, Term, family
-from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop import LoopSettings, Model, all_gains, known
 from hybrid_dynamics.loop.all_gains import from_gains
 from hybrid_dynamics.loop.augment import model_of
 from hybrid_dynamics.loop.beside import links_near
@@ -89,6 +89,54 @@ def test_what_may_not_be_named_is_not_offered():
     judge, terms = judged(GAINS, LoopSettings(effects=("link_inertia", "coulomb_friction", "viscous_friction")))
     chosen = [one_link(judge, terms)]
     assert from_gains(judge.at(chosen), chosen, terms, lambda step: None)[1:] == (chosen, [], [])
+
+
+def test_gains_come_in_only_where_they_predict_surely_better_than_all_links(monkeypatch):
+    (links,) = family("inertial_parameters").terms(ROBOT, np.ones(4, bool), {})
+    change = links.family().draw(ROBOT, links, np.random.default_rng(5))
+    heavier = Effect(links.effect, (), links.family().parameters_of(change, ROBOT, links), dict(links.settings))
+    # A law that nobody offers leaves every joint with more than its floor, whatever is named.
+    wave = {"amplitude": 1.5, "harmonic": 11.0, "phase": 0.3}
+    judge, terms = judged([heavier, *(Effect("torque_ripple", (j,), wave) for j in ROBOT.joint_names)])
+    chosen = [one_link(judge, terms)]
+    asked: list[object] = []
+    assert from_gains(judge.at(chosen), chosen, terms, asked.append)[1:] == (chosen, [], [])
+    assert asked
+    # Control: they would come in, if all links had not to be surpassed.
+    monkeypatch.setattr(all_gains, "_better", lambda *of: True)
+    found = from_gains(judge.at(chosen), chosen, terms, asked.append)[1]
+    assert any(t.effect == "torque_gain" for t in found)
+
+
+def judged_beside_links(judged, monkeypatch, unknown):
+    """:func:`with_links` of the gains and friction of ``judge`` and of ``unknown``, which is unknown beside links."""
+    judge, terms = judged
+    names = [*(Term("torque_gain", j) for j in range(4)), unknown]
+    names += [Term(name, j) for name in ("coulomb_friction", "viscous_friction") for j in range(4)]
+    names = list(dict.fromkeys(names))
+    judge = judge.adding(names).at(names)
+
+    def near(judge, model, candidates):
+        links = links_near(judge, model, candidates, 0.01)
+        return judge.adding(links), links
+
+    monkeypatch.setattr(known, "links_too", near)
+    monkeypatch.setattr(known, "_least_known", lambda j, kept, *of: unknown if unknown in kept else None)
+    _, kept, beside = known.with_links(judge, names, [], terms, ())
+    return names, kept, beside
+
+
+def test_a_name_that_links_cannot_stand_for_stays_though_it_is_unknown_beside_them(wrong_gains, monkeypatch):
+    names, kept, beside = judged_beside_links(wrong_gains, monkeypatch, Term("torque_gain", 1))
+    assert kept == names
+    assert beside == []
+
+
+def test_a_name_that_nobody_misses_goes_where_it_is_unknown_beside_links(wrong_gains, monkeypatch):
+    nothing = Term("joint_spring", 3, (("shape", "linear"),))
+    names, kept, beside = judged_beside_links(wrong_gains, monkeypatch, nothing)
+    assert set(kept) == {*names} - {nothing}
+    assert any(t.effect == "inertial_parameters" for t in beside)
 
 
 @pytest.mark.parametrize("seed", [5, 6, 7])

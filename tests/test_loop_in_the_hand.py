@@ -10,7 +10,7 @@ from tests.panda_arm import FINGERS, JOINTS
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
-from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop import LoopSettings, Model, in_the_hand
 from hybrid_dynamics.loop.in_the_hand import payload_for_links
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.trace import Judge
@@ -66,6 +66,33 @@ def test_a_payload_takes_the_place_of_a_link_that_stood_for_it(link):
 def test_a_link_that_predicts_surely_better_stays():
     judge, terms = judged(calibrated(), [heavier_link(1, 0.5)])
     chosen = [Term("link_inertia", 1)]
+    assert payload_for_links(judge.adding(chosen).at(chosen), chosen, terms)[1] == chosen
+
+
+def test_the_burden_of_proof_is_the_links(monkeypatch):
+    judge, terms = judged(calibrated(), [heavier_link(2, 1.0)])
+    chosen = [Term("link_inertia", 2)]
+    judge = judge.adding(chosen).at(chosen)
+    # A payload gains surely, but the link that is heavier predicts surely better still.
+    assert payload_for_links(judge, chosen, terms)[1] == chosen
+    monkeypatch.setattr(in_the_hand, "as_likely", lambda *of: True)
+    assert payload_for_links(judge, chosen, terms)[1] == [HAND]
+
+
+def test_of_two_links_the_one_that_stood_for_a_payload_goes(monkeypatch):
+    judge, terms = judged(calibrated(), [PAYLOAD])
+    chosen = [Term("link_inertia", 1), Term("link_inertia", 2)]
+    judge = judge.adding(chosen).at(chosen)
+    # Both would predict surely better; without the second they would not.
+    answers = iter([False, False, True])
+    monkeypatch.setattr(in_the_hand, "as_likely", lambda *of: next(answers))
+    assert payload_for_links(judge, chosen, terms)[1] == [Term("link_inertia", 1), HAND]
+
+
+def test_a_payload_that_cannot_be_takes_no_place():
+    body = to_body(np.array([25.0, 0.5, 0.2, 0.6, 0.3, 0.0, 0.3, 0.0, 0.0, 0.2]))
+    judge, terms = judged(calibrated(), [Effect("payload", (), body)])
+    chosen = [Term("link_inertia", 2)]
     assert payload_for_links(judge.adding(chosen).at(chosen), chosen, terms)[1] == chosen
 
 

@@ -304,11 +304,6 @@ class Family(Law):
         """Bodies that must stay physical: first of ten coordinates, and the inertia (10,) they are added to."""
         return []
 
-    def matter(self, robot: Robot, term: Term) -> list[tuple[int, Array, Array]]:
-        """Bodies of which it is known how far from their joint they reach: first of ten coordinates, the inertia (10,)
-        they are added to, and what (10,) times their sum is at least zero then."""
-        return []
-
     def inertial_changes(self, x: Array, robot: Robot, term: Term) -> list[Array]:
         """By how much coordinates ``x`` (p,) change single bodies, (10,) each: of these there is a most that can be."""
         return []

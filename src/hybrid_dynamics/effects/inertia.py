@@ -125,24 +125,34 @@ def cannot_be(robot: Robot, change: Array) -> bool:
 
 
 def radii(robot: Robot) -> Array:
-    """Radius (n,) [m] of a ball about every joint that the link it moves lies in, with room to spare: a link reaches
-    from the joint before it to those behind it, and about as far as the model's own matter. inf where nothing is known:
-    the last link may carry a tool as long as half the arm, a slide or its rail be as long as it likes."""
-    model, own = robot.model, [link_parameters(robot, k) for k in range(robot.n_joints)]
-    steps = np.array([float(np.linalg.norm(model.jointPlacements[i].translation)) for i in robot.joint_ids])
-    after = np.zeros(robot.n_joints)
+    """Radius (n,) [m] of a ball about every joint that the link it moves lies in, with room to spare: :data:`ROOM`
+    times the farthest of the joints before and behind it, of the model's own matter (its radius of gyration about the
+    joint) and of a tenth of the arm; of half the arm for a last link, which may carry a tool.
+
+    inf where nothing is known: of a slide and its rail, of a link that the model gives no mass, of an arm whose joints
+    all share one origin.
+    """
+    model = robot.model
     number = {joint: k for k, joint in enumerate(robot.joint_ids)}
-    sliding, last = np.isin(robot.joint_names, robot.prismatic), np.ones(robot.n_joints, bool)
+    steps = np.array([float(np.linalg.norm(model.jointPlacements[i].translation)) for i in robot.joint_ids])
+    # The first joint's own placement is that of the base.
+    before = np.where([model.parents[i] in number for i in robot.joint_ids], steps, 0.0)
+    after, last = np.zeros(robot.n_joints), np.ones(robot.n_joints, bool)
+    free = np.isin(robot.joint_names, robot.prismatic)
     for k, joint in enumerate(robot.joint_ids):
         if (parent := number.get(model.parents[joint])) is not None:
             after[parent], last[parent] = max(after[parent], steps[k]), False
-            sliding[parent] |= robot.joint_names[k] in robot.prismatic
-    matter = np.array([np.sqrt(max(float(b[4] + b[6] + b[9]) / 2, 0.0) / b[0]) if b[0] > 0 else np.inf for b in own])
-    # The first joint's own placement is that of the base.
-    before = np.where(np.isin([model.parents[i] for i in robot.joint_ids], robot.joint_ids), steps, 0.0)
-    reach = float(before.sum() + matter[last & np.isfinite(matter)].max(initial=0.0))
-    radius = ROOM * np.max([before, after, matter, np.where(last, reach / 2, reach / 10)], axis=0)
-    return np.where(sliding, np.inf, radius)
+            free[parent] |= robot.joint_names[k] in robot.prismatic
+    gyration = np.array([_gyration(link_parameters(robot, k)) for k in range(robot.n_joints)])
+    arm = float(before.sum() + gyration[last & np.isfinite(gyration)].max(initial=0.0))
+    radius = ROOM * np.max([before, after, gyration, np.where(last, arm / 2, arm / 10)], axis=0)
+    return np.where(free | (before.sum() == 0.0), np.inf, radius)
+
+
+def _gyration(dynamic: Array) -> float:
+    """Radius of gyration [m] of a body about its frame's origin: all axes together; inf without mass."""
+    second = max(float(dynamic[4] + dynamic[6] + dynamic[9]) / 2, 0.0)
+    return float(np.sqrt(second / dynamic[0])) if dynamic[0] > 0 else float("inf")
 
 
 def in_ball(radius: float) -> Array:

@@ -1,10 +1,10 @@
 """The inertial parameters of all links differ from the model's and are identified together.
 
-Coordinates are the differences (10 a link) to the robot's own; each link stays a body that can exist, and that lies
-about its joint: within 1.5 times the distance to the joints around it, or of the model's own matter (not of a slide,
-its rail; the last link may carry a tool). The published values are the new ones of every link, keyed ``"joint/mass"``,
-...; setting ``links``: the joints that move the links concerned. Only the base parameters among them are determined by
-data, the rest stays near the robot's own values.
+Coordinates are the differences (10 a link) to the robot's own; each link stays a body that can exist, in a ball about
+its joint: within 1.5 times the distance to the joints around it, or of the model's own matter (a last link, which may
+carry a tool, three quarters of the arm; slides and rails anywhere). The published values are the new ones of every
+link, keyed ``"joint/mass"``, ...; setting ``links``: the joints that move the links concerned. Only the base parameters
+among them are determined by data, the rest stays near the robot's own values.
 """
 
 from __future__ import annotations
@@ -20,9 +20,7 @@ from hybrid_dynamics.effects.base import Effect, Family, Term, register
 from hybrid_dynamics.effects.inertia import (
     BODY_PARAMETERS,
     body_scale,
-    in_ball,
     link_parameters,
-    radii,
     to_body,
     to_dynamic,
     torque_error,
@@ -93,11 +91,6 @@ class InertialParameters(Family):
 
     def inertial_bodies(self, robot: Robot, term: Term) -> list[tuple[int, Array]]:
         return [(10 * i, link_parameters(robot, k)) for i, k in enumerate(self._links(robot, term))]
-
-    def matter(self, robot: Robot, term: Term) -> list[tuple[int, Array, Array]]:
-        size, links = radii(robot), self._links(robot, term)
-        known = [(10 * i, k) for i, k in enumerate(links) if np.isfinite(size[k])]
-        return [(first, link_parameters(robot, k), in_ball(float(size[k]))) for first, k in known]
 
     def joints_of(self, robot: Robot, term: Term) -> list[int]:
         return self._links(robot, term)

@@ -15,8 +15,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hybrid_dynamics.effects import Term, family
-from hybrid_dynamics.loop.beside import plain_beside
+from hybrid_dynamics.loop.beside import LINKS_WITHIN, links_near, plain_beside
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
+from hybrid_dynamics.loop.held import Held
+from hybrid_dynamics.loop.known import WRONG
 from hybrid_dynamics.loop.prune import from_everything
 from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.trace import Judge, all_links_of, has_all_links
@@ -31,38 +33,47 @@ def from_gains(
     judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], report: Callable[[Step], None]
 ) -> tuple[Judge, list[Term], list[Term], list[Step]]:
     """``chosen``, or what is needed of gains of all joints and of ``candidates`` where that predicts held-out rows
-    better by :data:`BETTER` standard errors than ``chosen`` and than all links do, joints counting by what both leave;
-    the judge there, the gains that were offered, and the steps.
+    better by :data:`BETTER` standard errors than ``chosen`` and than all links do, however near they are held, joints
+    counting by what both leave, and much better on one; the judge there, the gains that were offered, and the steps.
 
     Nothing is asked where ``chosen`` has all links (gains in their place: :mod:`.narrow`), or where it or all links,
     with the friction that they lack, leave most joints no more than their floor.
     """
     gains, links = _gains(judge), all_links_of(candidates)
+    if len(gains) < FEWEST or has_all_links(chosen):
+        return judge, list(chosen), [], []
     rivals = [list(chosen), *([] if links is None else [[links]])]
-    left = (judge.mostly_left(with_plain(judge.at(rival), rival, candidates)) for rival in rivals)
-    if len(gains) < FEWEST or has_all_links(chosen) or not all(left):
+    rivals += [near for share in LINKS_WITHIN if (near := links_near(judge, [], candidates, share))]
+    judge = judge.adding([t for rival in rivals for t in rival])
+    held = [with_plain(judge.at(rival), rival, candidates) for rival in rivals]
+    if not all(judge.mostly_left(own) for own in held):
         return judge, list(chosen), [], []
     there, steps = from_everything(judge.adding(gains), candidates, report, gains)
     there, further = search(there, [*candidates, *gains], report, steps[-1].terms)
     found = list(further[-1].terms)
-    if not any(t in gains for t in found) or not all(_better(there, found, judge, r, candidates) for r in rivals):
+    better = (_better(there, found, rival, own, candidates) for rival, own in zip(rivals, held, strict=True))
+    if not any(t in gains for t in found) or not all(better):
         return judge, list(chosen), [], []
     return there, found, gains, [*steps, *further]
 
 
 def _better(
-    there: Judge, found: Sequence[Term], judge: Judge, rival: Sequence[Term], candidates: Sequence[Term]
+    judge: Judge, found: Sequence[Term], rival: Sequence[Term], alone: Held, candidates: Sequence[Term]
 ) -> bool:
-    """True where ``found``, that stands ``there``, predicts held-out rows surely better than ``rival`` of ``judge``
-    with the friction that it lacks. Where the gains stand a law of the rival may be another: it counts by the better.
+    """True where ``found``, where ``judge`` stands, predicts held-out rows surely better than ``rival`` with the
+    friction that it lacks, which leaves a joint with :data:`~.known.WRONG` times as much (mean square).
+
+    Where the gains stand a law of the rival may be another: it counts by the better of that and of what it predicts
+    where it stands ``alone``.
     """
-    before = with_plain(judge.at(rival), rival, candidates)
-    there, plain = plain_beside(there.adding(rival), rival, candidates)
-    own, full = (there.evidence.held(terms, physical=True) for terms in (found, [*rival, *plain]))
-    least = np.minimum(there.mean_square(full), there.mean_square(before))
-    fair = counting_by(there, np.sqrt(0.5 * (there.mean_square(own) + least)))
-    gained = (least - there.mean_square(own)) @ (fair.evidence.weights * fair.evidence.samples)
-    return bool(gained > 0) and fair.gain(own, full).surer_than(BETTER)
+    judge, plain = plain_beside(judge.adding(rival), rival, candidates)
+    own, full = (judge.evidence.held(terms, physical=True) for terms in (found, [*rival, *plain]))
+    least = np.minimum(judge.mean_square(full), judge.mean_square(alone))
+    fair = counting_by(judge, np.sqrt(0.5 * (judge.mean_square(own) + least)))
+    gain = fair.gain(own, full)
+    gained = (least - judge.mean_square(own)) @ (fair.evidence.weights * fair.evidence.samples)
+    much = np.any(least > WRONG * judge.mean_square(own))
+    return gain.surer_than(BETTER) and bool(much and gained > BETTER * gain.error)
 
 
 def _gains(judge: Judge) -> list[Term]:

@@ -1,4 +1,4 @@
-"""What is missing, found on the training runs alone: both ends of the search, the better one, what is surely there."""
+"""What is missing, found on the training runs alone: the ends of the search, the best one, what is surely there."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ MOST_RETURNS = 2
 
 
 def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None], start: Model | None = None) -> Found:
-    """Search from everything and from nothing, keep the better end, then only what is surely there.
+    """Search from everything and from nothing, and from the gains of all joints where these leave much; keep the best
+    end, then only what is surely there.
 
     Where the model found leaves much less than the joints were weighed by at first (a large effect had drowned the
     rest), they are weighed anew and the search goes on from there. What the search's model has beyond ``start`` is
@@ -176,8 +177,8 @@ def _sifted(
 
 
 def _missed(judge: Judge, chosen: Sequence[Term], names: Sequence[Term], beside: Sequence[Term]) -> list[Term]:
-    """What of ``chosen`` is not among ``names`` any more, where these with all that stands ``beside`` surely predict
-    held-out rows worse, a joint :data:`WRONG` times so.
+    """What of ``chosen`` is not among ``names`` any more, where these with all that stands ``beside`` predict held-out
+    rows much worse (:func:`.known.much_worse`).
 
     It may have balanced what stays, which then is wrong by all of it. Both are asked where ``chosen`` stands.
     """

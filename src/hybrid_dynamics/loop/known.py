@@ -86,8 +86,9 @@ def with_links(
     (the widest of :data:`LINKS_WITHIN`). Friction, an offset and a rotor of which nothing is known then are estimated
     beside the names, too. Another name was as sure as it was by taking the links for exactly as described: it goes, and
     what is plain of its joint comes in its place. (Found on four seconds of a Panda: a gain of 1.02 known to eleven
-    standard errors, and to one of them beside links.) Where other runs surely miss what went, or nothing would stay
-    named, the links stay away.
+    standard errors, and to one of them beside links.) Where other runs surely miss what went, where it is missed so
+    much that links cannot stand for it (:func:`much_worse`, on parts of a single run, too), or nothing would stay
+    named, the links stay away, and all names stay.
     """
     there, links = links_too(judge, [*names, *beside], candidates) if names else (judge, [])
     if not links:

@@ -2,7 +2,8 @@
 
 All links' parameters take up what one or two of them lack, and a spring, a wrong zero or a gain besides. The fewest
 causes that do as well take their place, by the rule by which all links take that of bodies (:mod:`.widen`). Larger
-groups fit by chance what smaller ones do not, so a size is asked only where no smaller one does.
+groups fit by chance what smaller ones do not, so a size is asked only where no smaller one does; last the gains of all
+joints, since drives are off each by its own factor.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ Groups = dict[tuple[Term, ...], Held]
 
 
 def narrowed(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term] = ()) -> tuple[Judge, list[Term]]:
-    """``chosen`` with :data:`FEW` causes or fewer: bodies, each believed, or what can look like one (a spring, a wrong
-    zero, a gain), in the place of all links' parameters, where these do not predict held-out samples better by
-    :data:`BETTER` standard errors; and the judge there.
+    """``chosen`` with :data:`FEW` causes or fewer (bodies, each believed, or what can look like one: a spring, a wrong
+    zero, a gain), or with the gains of all joints, in the place of all links' parameters, where these do not predict
+    held-out samples better by :data:`BETTER` standard errors; and the judge there.
 
     Where a few causes leave most joints with more than their floor, whatever friction of ``candidates`` stands beside
     them, they must predict better by as much as an effect must to come in."""
@@ -70,7 +71,7 @@ def _by_size(
     evidence: Evidence, rest: Sequence[Term], causes: Sequence[Term], parts: Sequence[Term]
 ) -> Iterator[Groups]:
     """Held-out predictions of ``rest`` with one or two of the causes and parts, then with one more at a time beside
-    those groups of the size before that predict best."""
+    those groups of the size before that predict best; last with the gains of all joints."""
 
     def held(groups: Sequence[tuple[Term, ...]]) -> Groups:
         apart = [g for g in dict.fromkeys(groups) if len({t.place for t in g}) == len(g)]
@@ -90,7 +91,7 @@ def _by_size(
         yield groups
     # What a drive makes of a current is off on every joint in its own way.
     gains = tuple(c for c in single if c.family().changes_reading and c.family().uses_torque)
-    if len(gains) > FEW:
+    if len(gains) >= FEW:
         yield held([gains])
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.effects.base import ONLY_RUN
+from hybrid_dynamics.effects.inertia import in_ball
 from hybrid_dynamics.effects.sign import with_sign
 from hybrid_dynamics.effects.state import State
 from hybrid_dynamics.loop.solve import Constraints
@@ -30,12 +31,20 @@ FAR, BEYOND, BELIEVABLE, _BETWEEN = 4.0, 2.0, 10.0, np.linspace(0.25, 1.0, 4)
 
 
 def physical_constraints(
-    terms: Sequence[Term], starts: Sequence[int], total: int, base: Mapping[Term, Array], robot: Robot, fastest: Array
+    terms: Sequence[Term],
+    starts: Sequence[int],
+    total: int,
+    base: Mapping[Term, Array],
+    robot: Robot,
+    fastest: Array,
+    reach_of_links: Array | None = None,
 ) -> Constraints:
     """Constraints on the ``total`` coordinates of ``terms``, those of each beginning at ``starts``.
 
     ``base`` holds the coordinates of effects that the starting model has already: they may become less, the sum must
-    stay physical. ``fastest`` (n,) [rad/s] is the highest speed seen of each joint.
+    stay physical. ``fastest`` (n,) [rad/s] is the highest speed seen of each joint; ``reach_of_links`` (n,) [m] how far
+    from its joint the matter of each link may lie where all are identified (:func:`~.inertia.radii`, as described;
+    None: anywhere).
     """
     least_of = [s.family().lower_bounds(robot, s) - base.get(s.as_finding, 0.0) for s in terms]
     lower = np.concatenate(least_of or [np.zeros(0)])
@@ -45,11 +54,16 @@ def physical_constraints(
     at = list(zip(terms, starts, strict=True))
     rows, least = [], []
     for term, start in at:
-        for first, own, within in term.family().matter(robot, term):
-            rows.append(np.zeros(total))
-            rows[-1][start + first : start + first + 10] = within
-            # A starting model whose links reach farther need not be mended.
-            least.append(min(-float(within @ own), 0.0))
+        if not term.family().all_links or reach_of_links is None:
+            continue
+        links = zip(term.family().inertial_bodies(robot, term), term.family().joints_of(robot, term), strict=True)
+        for (first, own), link in links:
+            if np.isfinite(reach_of_links[link]):
+                rows.append(np.zeros(total))
+                within = in_ball(float(reach_of_links[link]))
+                rows[-1][start + first : start + first + 10] = within
+                # A link of the starting model that reaches farther need not be mended, only not be made worse.
+                least.append(min(-float(within @ own), 0.0))
 
     def started(joint: int, speed: float, kind: Callable[[Term], bool], unit: Callable[[Term, float], Array]) -> float:
         return sum(float(unit(s, speed) @ x) for s, x in base.items() if s.joint == joint and kind(s))

@@ -16,6 +16,7 @@ import numpy as np
 from hybrid_dynamics.effects import Effect, Motion, Term, family
 from hybrid_dynamics.effects.acting import late
 from hybrid_dynamics.effects.base import acts_in
+from hybrid_dynamics.effects.inertia import radii
 from hybrid_dynamics.loop.blocks import Blocks, folds_of
 from hybrid_dynamics.loop.layout import Layout, make_room
 from hybrid_dynamics.loop.model import Model
@@ -59,6 +60,8 @@ class Problem:
         self.base_follows_load = any(e.term(base.robot).family().uses_load for e in base.effects)
         #: What the starting model says the torque is read too large by, where it says so: columns are read like it.
         self._read = None if np.all(base.readings.gain == 1.0) else base.readings.gain
+        #: (n,) [m], as the URDF describes the links: of identified ones it would grow from start to start.
+        self.reach_of_links = radii(base.robot)
         self.fastest = np.max([np.abs(run.dq).max(axis=0) for run in self.runs], axis=0)
         self.folds = folds_of(self.runs, settings)
         self._asked: list[deque[tuple[Model, tuple[Array, Array]]]] = [deque(maxlen=KEPT) for _ in self.runs]
@@ -193,7 +196,13 @@ class Problem:
         if layout not in self._constraints:
             make_room(self._constraints)
             self._constraints[layout] = physical_constraints(
-                layout.terms, layout.starts, layout.total, self.base_places, self.robot, self.fastest
+                layout.terms,
+                layout.starts,
+                layout.total,
+                self.base_places,
+                self.robot,
+                self.fastest,
+                self.reach_of_links,
             )
         return self._constraints[layout]
 
