@@ -19,8 +19,8 @@ from hybrid_dynamics.loop import LoopSettings, Model, close_loop, prune
 from hybrid_dynamics.loop import beside as beside_module
 from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop import find as find_module
-from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.beside import beside_links, beside_names
+from hybrid_dynamics.loop.augment import model_of, refit
+from hybrid_dynamics.loop.beside import EXPECTED, beside_links, beside_names
 from hybrid_dynamics.loop.diagnosis import errors_of
 from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.held import Held
@@ -45,6 +45,31 @@ def judged(effects: list[Effect]) -> tuple[Judge, list[Term], list[Run]]:
     logs = read_motion(ROBOT, train, test, settings)
     judge, terms, _ = gather(Model(ROBOT), logs, settings)
     return judge, [t for t in terms if t.family().all_links], logs.test
+
+
+def test_what_a_search_had_found_is_held_within_its_size_where_that_is_more() -> None:
+    judge, (every,), _ = judged([Effect("torque_offset", (SHOULDER,), {"offset": 9.0})])
+    size = judge.evidence.problem.torque_size[0]
+    places = {t.joint: t.place for t in beside_links(judge, [every])[1]}
+    expected = EXPECTED * size
+    for found, within in (
+        ({}, expected),
+        ({places[0]: 9.0}, 9.0),
+        ({places[0]: 1e-3}, expected),
+        ({places[1]: 9.0}, expected),
+    ):
+        _, beside = beside_links(judge, [every], found)
+        held = {t.joint: t.options[HELD] for t in beside}
+        assert held[0] == pytest.approx(within, rel=5e-3)
+    # The fit follows: held as near as others are, part of the offset goes into the links.
+    values = []
+    for found in ({}, {places[0]: 9.0}):
+        there, beside = beside_links(judge, [every], found)
+        model = model_of(there.evidence, [every, *beside], False)
+        values += [
+            e.parameters["offset"] for e in model.effects if e.effect == "torque_offset" and e.joints == (SHOULDER,)
+        ]
+    assert abs(values[1] - 9.0) < abs(values[0] - 9.0)
 
 
 def errors(judge: Judge, chosen: list[Term], beside: list[Term], test: list[Run]) -> tuple[Model, float]:

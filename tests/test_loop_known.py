@@ -200,9 +200,13 @@ def test_a_law_that_held_out_rows_surely_miss_stays_however_little_is_known_of_i
 
 def test_what_is_no_name_any_more_is_asked_for_beside_the_names(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[list[Term]] = []
+    sizes: dict[tuple[Any, ...], float] = {}
 
-    def beside(judge: Judge, names: Any, candidates: Any, unsure: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    def beside(
+        judge: Judge, names: Any, candidates: Any, unsure: Sequence[Term], found: Any
+    ) -> tuple[Judge, list[Term]]:
         asked.append(list(unsure))
+        sizes.update(found)
         return judge, []
 
     monkeypatch.setattr(known_module, "all_beside", beside)
@@ -211,6 +215,9 @@ def test_what_is_no_name_any_more_is_asked_for_beside_the_names(monkeypatch: pyt
     lost = {DRY, OFFSET, VISCOUS} - set(names)
     assert lost
     assert set(asked[-1]) == lost
+    # With the size at which each had been found.
+    assert set(sizes) == {t.place for t in lost}
+    assert all(0 < size < 2.0 for size in sizes.values())
 
 
 def _sized(name: str, parameter: str, value: float, error: float) -> Effect:

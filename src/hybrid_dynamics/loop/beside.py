@@ -14,8 +14,10 @@ joints are left with more than their floor, all that are not named are estimated
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -37,21 +39,28 @@ LINKS_WITHIN = (0.5, 0.25, 0.1, 0.05)
 SURELY = 2.0
 #: A coefficient of so small a share of what it is held within is none.
 NOTHING = 1e-3
+#: The size of the coefficient that a search has found at a place.
+Sizes = Mapping[tuple[Any, ...], float]
+NONE_FOUND: Sizes = MappingProxyType({})
 
 
 def all_beside(
-    judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], unsure: Sequence[Term] = ()
+    judge: Judge,
+    chosen: Sequence[Term],
+    candidates: Sequence[Term],
+    unsure: Sequence[Term] = (),
+    found: Sizes = NONE_FOUND,
 ) -> tuple[Judge, list[Term]]:
     """What is estimated beside the names ``chosen``, for links and for what is too unsure to be named, without what
-    makes a body that is none; and the judge who has their columns."""
-    judge, beside = beside_links(judge, chosen)
-    judge, guessed = beside_names(judge, [*chosen, *beside], candidates, unsure)
+    makes a body that is none; and the judge who has their columns. ``found``: see :func:`held_near`."""
+    judge, beside = beside_links(judge, chosen, found)
+    judge, guessed = beside_names(judge, [*chosen, *beside], candidates, unsure, found)
     unnamed = [*beside, *guessed]
     lost = balanced(judge, [*chosen, *unnamed], unnamed)
     return judge, [t for t in unnamed if t not in lost]
 
 
-def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+def beside_links(judge: Judge, chosen: Sequence[Term], found: Sizes = NONE_FOUND) -> tuple[Judge, list[Term]]:
     """Terms that look like weight, on the joints that move and have no such name among ``chosen``; and the judge who
     has their columns.
 
@@ -62,7 +71,7 @@ def beside_links(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
     moving = np.flatnonzero(judge.evidence.samples >= FEWEST_ROWS)
     names = [name for name in judge.settings.families if family(name).like_weight]
     alike = [Term(name, int(j)) for name in names for j in moving if not _makes(chosen, name, int(j))]
-    return held_near(judge, alike)
+    return held_near(judge, alike, found)
 
 
 def links_too(judge: Judge, model: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -122,7 +131,11 @@ def plain_beside(judge: Judge, current: Sequence[Term], candidates: Sequence[Ter
 
 
 def beside_names(
-    judge: Judge, model: Sequence[Term], candidates: Sequence[Term], unsure: Sequence[Term] = ()
+    judge: Judge,
+    model: Sequence[Term],
+    candidates: Sequence[Term],
+    unsure: Sequence[Term] = (),
+    found: Sizes = NONE_FOUND,
 ) -> tuple[Judge, list[Term]]:
     """Of friction, offset and armature what ``model`` lacks and held-out rows miss, too little to be named, on joints
     on which something is left to find; and the judge who has their columns. None where nothing is named.
@@ -137,7 +150,8 @@ def beside_names(
         return judge, []
     plain = on_every_joint(candidates)
     left = judge.above_floor(judge.evidence.held(current, physical=True))
-    judge, group = held_near(judge, [t for t in unsure if left[t.index] and not _makes(current, t.effect, t.index)])
+    group = [t for t in unsure if left[t.index] and not _makes(current, t.effect, t.index)]
+    judge, group = held_near(judge, group, found)
     if len(group) > 1 and _missed(judge, current, group):
         current += group
     held = judge.evidence.held(current, physical=True)
@@ -203,9 +217,10 @@ def _makes(chosen: Sequence[Term], name: str, joint: int) -> bool:
     return has_family(chosen, name, joint) or any(name in effects for effects in together)
 
 
-def held_near(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
-    """``terms`` of one coefficient, held within what makes :data:`EXPECTED` of their joint's torque; and the judge who
-    has their columns. None of a joint without torque."""
+def held_near(judge: Judge, terms: Sequence[Term], found: Sizes = NONE_FOUND) -> tuple[Judge, list[Term]]:
+    """``terms`` of one coefficient, held within what makes :data:`EXPECTED` of their joint's torque, or within the size
+    at which a search had ``found`` what stood at their place, where that is more; and the judge who has their columns.
+    None of a joint without torque."""
     judge = judge.adding(terms)
     evidence = judge.evidence
     size = evidence.problem.torque_size
@@ -213,6 +228,7 @@ def held_near(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
     for term in terms:
         joint, square = term.index, evidence.unit_square(term)
         if size[joint] > 0 and square > 0:
-            within = float(f"{EXPECTED * size[joint] / np.sqrt(square):.3g}")
+            expected = EXPECTED * size[joint] / np.sqrt(square)
+            within = float(f"{max(expected, found.get(term.place, 0.0)):.3g}")
             out.append(replace(term, settings=tuple(sorted([*term.settings, (HELD, within)]))))
     return judge.adding(out), out

@@ -10,6 +10,7 @@ plain one that it holds. Found on two arms that the project had not seen (a slow
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -43,10 +44,10 @@ def known_and_beside(
 ) -> tuple[Judge, list[Term], list[Term]]:
     """The judge at the model as it is in the end, names of ``chosen`` of which something is known, and what is
     estimated beside them; ``fixed`` are names whatever is known of them."""
-    names, unsure = list(chosen), list(unsure)
+    names, unsure, found = list(chosen), list(unsure), dict[tuple[Any, ...], float]()
     while True:
         judge = as_left(judge.at(names), names)
-        judge, beside = all_beside(judge, names, candidates, unsure)
+        judge, beside = all_beside(judge, names, candidates, unsure, found)
         judge = as_left(judge, [*names, *beside])
         judge, effects = _published(judge, names, beside)
         judge, plainer = _plainer(judge, names, effects, candidates, fixed)
@@ -56,9 +57,16 @@ def known_and_beside(
         least = _least_known(judge, names, effects, fixed)
         if least is None:
             return with_links(judge, names, beside, candidates, fixed)
+        found |= _size(least, effects[names.index(least)])
         names.remove(least)
         if least.family().everywhere:
             unsure.append(least)
+
+
+def _size(term: Term, effect: Effect) -> dict[tuple[Any, ...], float]:
+    """At the place of ``term`` the size of the ``effect`` that was found there, where that is one coefficient."""
+    values = list(effect.parameters.values())
+    return {term.place: abs(values[0])} if term.family().everywhere and len(values) == 1 else {}
 
 
 def taken_back(chosen: Sequence[Term], names: Sequence[Term]) -> list[Term]:
@@ -101,9 +109,10 @@ def with_links(
         least = _least_known(there, kept, effects, fixed)
         if least is None:
             break
+        size = _size(least, effects[kept.index(least)])
         kept.remove(least)
         if least.family().everywhere:
-            there, held = held_near(there, [least])
+            there, held = held_near(there, [least], size)
         else:
             there, held = plain_beside(there, [*kept, *plain, *doubted], candidates)
             held = [t for t in held if t.joint == least.joint]
