@@ -7,6 +7,7 @@ import pytest
 from tests.small_arm import HIDDEN, arm
 
 from hybrid_dynamics.check import checked_log, told_by_model
+from hybrid_dynamics.check.known import check_known
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, close_loop
@@ -129,3 +130,15 @@ def test_a_test_run_that_the_training_runs_model_hits_read_otherwise_only_is_ref
         InputError, match=r"run test_1: measured torques are (0.2|0.199) times .* one of the two is read wrongly"
     ):
         close_loop(arm(), train, [test.with_signals(tau=0.2 * test["tau"])], settings)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-10])
+def test_a_torque_that_nobody_measured_is_no_fault_and_divides_by_nothing(size):
+    run, model = log(*HIDDEN), Model(arm(), HIDDEN)
+    tau = run["tau"].copy()
+    tau[:, 1] = size
+    with np.errstate(all="raise"):
+        assert check_known(model, [run.with_signals(tau=tau)]) == []
+        # Control: of the other joint it is told what is wrong.
+        (finding,) = check_known(model, [run.with_signals(tau=tau * (-1.0, 1.0))])
+    assert "sign" in finding.line
