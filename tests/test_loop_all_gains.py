@@ -31,8 +31,10 @@ GAINS = [Effect("torque_gain", (j,), {"gain": g}) for j, g in zip(ROBOT.joint_na
 NOISE = 0.1
 
 
-def judged(hidden: Sequence[Effect], settings: LoopSettings | None = None) -> tuple[Judge, list[Term]]:
-    """The judge of five seconds of the arm with what is ``hidden``, and the candidates."""
+def judged(
+    hidden: Sequence[Effect], settings: LoopSettings | None = None, start: Model | None = None
+) -> tuple[Judge, list[Term]]:
+    """The judge of five seconds of the arm with what is ``hidden``, asked by ``start``, and the candidates."""
     settings = settings or LoopSettings()
     train, test = excitations(ROBOT, [*FRICTION, *hidden], train=1, test=1, duration=5.0, rate=200.0)
     rng = np.random.default_rng(3)
@@ -42,7 +44,7 @@ def judged(hidden: Sequence[Effect], settings: LoopSettings | None = None) -> tu
         return Trajectory(run.name, run.split, run.time, signals)
 
     logs = read_motion(ROBOT, [noisy(run) for run in train], [noisy(run) for run in test], settings)
-    judge, terms, _ = gather(Model(ROBOT), logs, settings)
+    judge, terms, _ = gather(start or Model(ROBOT), logs, settings)
     return judge, terms
 
 
@@ -83,6 +85,14 @@ def test_all_links_are_not_asked_here(wrong_gains):
     judge, terms = wrong_gains
     links = [all_links_of(terms)]
     assert from_gains(judge.at(links), links, terms, lambda step: None)[1:] == (links, [], [])
+
+
+def test_motors_of_an_arm_whose_links_are_known_have_not_changed():
+    (links,) = family("inertial_parameters").terms(ROBOT, np.ones(4, bool), {})
+    same = Effect(links.effect, (), links.family().parameters_of(np.zeros(40), ROBOT, links), dict(links.settings))
+    judge, terms = judged(GAINS, start=Model(ROBOT, (same,)))
+    chosen = [one_link(judge, terms)]
+    assert from_gains(judge.at(chosen), chosen, terms, lambda step: None)[1:] == (chosen, [], [])
 
 
 def test_what_may_not_be_named_is_not_offered():

@@ -36,11 +36,12 @@ def from_gains(
     better by :data:`BETTER` standard errors than ``chosen`` and than all links do, however near they are held, joints
     counting by what both leave, and much better on one; the judge there, the gains that were offered, and the steps.
 
-    Nothing is asked where ``chosen`` has all links (gains in their place: :mod:`.narrow`), or where it or all links,
-    with the friction that they lack, leave most joints no more than their floor.
+    Nothing is asked where ``chosen`` has all links (gains in their place: :mod:`.narrow`), where it or all links, with
+    the friction that they lack, leave most joints no more than their floor, or of a starting model whose links were
+    identified: their drives had their say then, and motors do not change from one day to the next.
     """
     gains, links = _gains(judge), all_links_of(candidates)
-    if len(gains) < FEWEST or has_all_links(chosen):
+    if len(gains) < FEWEST or has_all_links(chosen) or judge.evidence.problem.links_identified:
         return judge, list(chosen), [], []
     rivals = [list(chosen), *([] if links is None else [[links]])]
     rivals += [near for share in LINKS_WITHIN if (near := links_near(judge, [], candidates, share))]
