@@ -40,8 +40,7 @@ def judged(
     rng = np.random.default_rng(3)
 
     def noisy(run: Trajectory) -> Trajectory:
-        signals = {**run.signals, "tau": run["tau"] + NOISE * rng.normal(size=run["tau"].shape)}
-        return Trajectory(run.name, run.split, run.time, signals)
+        return run.with_signals(tau=run["tau"] + NOISE * rng.normal(size=run["tau"].shape))
 
     logs = read_motion(ROBOT, [noisy(run) for run in train], [noisy(run) for run in test], settings)
     judge, terms, _ = gather(start or Model(ROBOT), logs, settings)

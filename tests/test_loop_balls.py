@@ -105,12 +105,10 @@ def test_a_starting_model_that_reaches_farther_is_not_made_worse_and_its_ball_do
     far = panda.copy()
     far.model.inertias[far.joint_ids[4]].lever = np.array([5.0, 0.0, 0.0])
     assert in_ball(radii(panda)[4]) @ link_parameters(far, 4) < 0
-    ((row, least),) = [
-        (constraints.rows[0], constraints.least[0])
-        for constraints in [physical_constraints([term], [0], 10, {}, far, np.ones(7), radii(panda))]
-    ]
+    started = physical_constraints([term], [0], 10, {}, far, np.ones(7), radii(panda))
+    (row,) = started.rows
     np.testing.assert_allclose(row, in_ball(radii(panda)[4]))
-    assert least == 0.0
+    assert started.least[0] == 0.0
     # Control: of the described link there is room.
     near = physical_constraints([term], [0], 10, {}, panda, np.ones(7), radii(panda))
     assert near.least[0] == pytest.approx(-row @ link_parameters(panda, 4))

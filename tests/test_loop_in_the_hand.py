@@ -45,8 +45,7 @@ def judged(start: Model, hidden: Sequence[Effect]) -> tuple[Judge, list[Term]]:
     rng = np.random.default_rng(2)
 
     def noisy(run: Trajectory) -> Trajectory:
-        signals = {**run.signals, "tau": run["tau"] + 0.2 * rng.normal(size=run["tau"].shape)}
-        return Trajectory(run.name, run.split, run.time, signals)
+        return run.with_signals(tau=run["tau"] + 0.2 * rng.normal(size=run["tau"].shape))
 
     settings = LoopSettings()
     logs = read_motion(ROBOT, [noisy(run) for run in train], [noisy(run) for run in test], settings)

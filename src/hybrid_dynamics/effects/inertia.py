@@ -37,8 +37,7 @@ def body_scale(own: Array) -> Array:
     Links without inertia in the URDF are taken as 0.5 kg within 5 cm.
     """
     mass = max(float(own[0]), 0.5)
-    inertia = max(float(own[4] + own[6] + own[9]) / 2, 0.0)
-    reach = max(float(np.sqrt(inertia / mass)), 0.05)
+    reach = max(float(np.sqrt(_second_moment(own) / mass)), 0.05)
     return np.array([0.5 * mass, *[0.5 * mass * reach] * 3, *[0.5 * mass * reach**2] * 6])
 
 
@@ -149,10 +148,14 @@ def radii(robot: Robot) -> Array:
     return np.where(free | (before.sum() == 0.0), np.inf, radius)
 
 
+def _second_moment(dynamic: Array) -> float:
+    """Second moment [kg m^2] of a body about its frame's origin, all axes together."""
+    return max(float(dynamic[4] + dynamic[6] + dynamic[9]) / 2, 0.0)
+
+
 def _gyration(dynamic: Array) -> float:
     """Radius of gyration [m] of a body about its frame's origin: all axes together; inf without mass."""
-    second = max(float(dynamic[4] + dynamic[6] + dynamic[9]) / 2, 0.0)
-    return float(np.sqrt(second / dynamic[0])) if dynamic[0] > 0 else float("inf")
+    return float(np.sqrt(_second_moment(dynamic) / dynamic[0])) if dynamic[0] > 0 else float("inf")
 
 
 def in_ball(radius: float) -> Array:

@@ -5,7 +5,7 @@ otherwise. Asked one by one such gains explain little: each multiplies a torque 
 and a body of one link, which moves several joints at once, comes in first. So where a search leaves most joints with
 more than their floor, the gains of all joints are asked together, with all that every arm has, and what is not needed
 is dropped. Found on five seconds of an arm that the project had not seen (an AIRBOT Play whose lab says that its torque
-constants are wrong): beside one link's body 4.2 and 2.4 times the error of the gains on two joints of the other run.
+constants are wrong): beside one link's body 4 and 6.5 times the error of the gains on two joints of the other run.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hybrid_dynamics.effects import Term, family
+from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.beside import LINKS_WITHIN, links_near, plain_beside
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.known import WRONG
 from hybrid_dynamics.loop.prune import from_everything
+from hybrid_dynamics.loop.scale import gain_families
 from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.trace import Judge, all_links_of, has_all_links
 from hybrid_dynamics.loop.weighing import counting_by
@@ -45,10 +46,11 @@ def from_gains(
         return judge, list(chosen), [], []
     rivals = [list(chosen), *([] if links is None else [[links]])]
     rivals += [near for share in LINKS_WITHIN if (near := links_near(judge, [], candidates, share))]
-    judge = judge.adding([t for rival in rivals for t in rival])
-    held = [with_plain(judge.at(rival), rival, candidates) for rival in rivals]
-    if not all(judge.mostly_left(own) for own in held):
-        return judge, list(chosen), [], []
+    held = []
+    for rival in rivals:
+        held.append(with_plain(judge.adding(rival).at(rival), rival, candidates))
+        if not judge.mostly_left(held[-1]):
+            return judge, list(chosen), [], []
     there, steps = from_everything(judge.adding(gains), candidates, report, gains)
     there, further = search(there, [*candidates, *gains], report, steps[-1].terms)
     found = list(further[-1].terms)
@@ -80,7 +82,6 @@ def _better(
 def _gains(judge: Judge) -> list[Term]:
     """The gains of single joints that move, where gains may be named and the starting model has none there."""
     moving = judge.evidence.samples >= FEWEST_ROWS
-    kinds = [family(name) for name in (*judge.settings.families, *judge.settings.further)]
-    gains = [k for k in kinds if k.scope == "joint" and k.changes_reading and k.uses_torque]
-    listed = [t for k in gains for t in k.terms(judge.evidence.robot, moving, judge.settings.options)]
+    kinds = gain_families(judge.settings)
+    listed = [t for k in kinds for t in k.terms(judge.evidence.robot, moving, judge.settings.options)]
     return [t for t in listed if t.joint is not None and not judge.evidence.in_base(t)]

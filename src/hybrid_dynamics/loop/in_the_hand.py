@@ -30,9 +30,10 @@ def payload_for_links(judge: Judge, chosen: Sequence[Term], candidates: Sequence
     full = with_plain(judge, chosen, candidates)
     for own in (links, *([t] for t in links if len(links) > 1)):
         rest = [t for t in chosen if t not in own]
-        held, without = (with_plain(judge, terms, candidates) for terms in (joined(rest, payload), rest))
+        trial = joined(rest, payload)
+        held, without = (with_plain(judge, terms, candidates) for terms in (trial, rest))
         sure = judge.reason(payload, judge.news(held, without), held) == ACCEPTED
-        there = take(judge, chosen, joined(rest, payload)) if sure and as_likely(judge, held, full) else None
-        if there is not None and payload not in impossible(there, joined(rest, payload)):
-            return there, joined(rest, payload)
+        there = take(judge, chosen, trial) if sure and as_likely(judge, held, full) else None
+        if there is not None and payload not in impossible(there, trial):
+            return there, trial
     return judge, list(chosen)

@@ -14,10 +14,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import norm
 
-from hybrid_dynamics.effects import Term, family
+from hybrid_dynamics.effects import Family, Term, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.factor import common_factor
 from hybrid_dynamics.loop.search import take
+from hybrid_dynamics.loop.settings import LoopSettings
 from hybrid_dynamics.loop.trace import Judge, joined
 from hybrid_dynamics.types import Array
 
@@ -97,11 +98,13 @@ def _surely_one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Ter
 
 def _gain(judge: Judge) -> Term | None:
     """The gain of all joints, where it may be named."""
-    for name in (*judge.settings.families, *judge.settings.further):
-        kind = family(name)
-        if kind.shared and kind.changes_reading and kind.uses_torque:
-            return Term(name, None)
-    return None
+    return next((Term(kind.name, None) for kind in gain_families(judge.settings) if kind.shared), None)
+
+
+def gain_families(settings: LoopSettings) -> list[Family]:
+    """The families that may be named by which a torque is read too large or too small."""
+    kinds = [family(name) for name in (*settings.families, *settings.further)]
+    return [kind for kind in kinds if kind.changes_reading and kind.uses_torque]
 
 
 def _one_factor(judge: Judge, chosen: Sequence[Term], links: Sequence[Term], x: Array) -> float | None:
