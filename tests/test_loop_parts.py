@@ -127,17 +127,19 @@ def test_processing_refuses_short_and_uneven_runs(panda):
 
 def test_bounds_are_kept_and_the_optimum_is_found():
     rng = np.random.default_rng(0)
-    for _ in range(20):
-        rows, target = rng.normal(size=(60, 6)), rng.normal(size=60)
-        a, b = rows.T @ rows, rows.T @ target
-        lower = np.array([0.0, 0.0, 0.0, -np.inf, -np.inf, 0.05])
-        x = solve_bounded(a, b, lower)
-        gradient = a @ x - b
+    rows, target = rng.normal(size=(20, 60, 6)), rng.normal(size=(20, 60))
+    a, b = rows.swapaxes(1, 2) @ rows, np.einsum("mti,mt->mi", rows, target)
+    lower = np.array([0.0, 0.0, 0.0, -np.inf, -np.inf, 0.05])
+    found = solve_bounded(a, b, lower)
+    assert len(np.unique(found <= lower, axis=0)) > 3, "several sets of bounds are active"
+    for m, x in enumerate(found):
+        gradient = a[m] @ x - b[m]
         assert np.all(x >= lower - 1e-12)
         # Karush-Kuhn-Tucker: zero gradient inside, none pointing inwards at a bound.
         inside = x > lower + 1e-9
         np.testing.assert_allclose(gradient[inside], 0, atol=1e-8)
         assert np.all(gradient[~inside] >= -1e-8)
+        np.testing.assert_array_equal(solve_bounded(a[[m]], b[[m]], lower)[0], x)
 
 
 def test_impossible_bodies_are_pulled_back_to_possible_ones():

@@ -8,6 +8,7 @@ these, so a candidate costs about a millisecond, whatever the length of the logs
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.problem import Problem
 from hybrid_dynamics.loop.process import Run
 from hybrid_dynamics.loop.settings import LoopSettings
-from hybrid_dynamics.loop.solve import Constraints, solve, solve_bounded
+from hybrid_dynamics.loop.solve import Constraints, solve_all, solve_bounded
 from hybrid_dynamics.loop.sums import FoldSums, picked
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
@@ -327,24 +328,25 @@ class Evidence:
         if layout.total == 0:
             return np.zeros(0)
         a, b = self.normal(layout, grams)
-        return self._solved(layout, a, b, self.constraints(layout), physical)
+        return np.asarray(self._solved(layout, a[None], b[None], self.constraints(layout), physical)[0])
 
     def _solved(self, layout: Layout, a: Array, b: Array, constraints: Constraints, physical: bool) -> Array:
-        """Coordinates under ``constraints``; those that must lie on a surface are held to its tangent plane, twice."""
+        """Coordinates (m, K) of ``a`` (m, K, K) and ``b`` (m, K) under ``constraints``; those that must lie on a
+        surface are held to its tangent plane, twice."""
         full = physical and not layout.on_surfaces
-        x = solve(a, b, constraints) if full else solve_bounded(a, b, constraints.lower)
+        x = solve_all(a, b, constraints) if full else solve_bounded(a, b, constraints.lower)
         for last in (False, True) if layout.on_surfaces else ():
             stiff, target = a.copy(), b.copy()
-            for term, start in layout.on_surfaces:
+            for (term, start), m in product(layout.on_surfaces, range(len(b))):
                 own = slice(start, start + term.size)
-                normal, value = term.family().surface(x[own], self.robot, term)
-                size, across = float(np.diag(a)[own].max()), np.outer(normal, normal)
+                normal, value = term.family().surface(x[m, own], self.robot, term)
+                size, across = float(np.diag(a[m])[own].max()), np.outer(normal, normal)
                 along = np.eye(len(normal)) - across
-                stiff[own, own] += size * (STIFF * across + HELD_ALONG * along)
-                target[own] += size * (STIFF * value * normal + HELD_ALONG * along @ x[own])
+                stiff[m, own, own] += size * (STIFF * across + HELD_ALONG * along)
+                target[m, own] += size * (STIFF * value * normal + HELD_ALONG * along @ x[m, own])
             # Where the tangent plane lies bodies hardly matter.
             full = physical and last
-            x = solve(stiff, target, constraints) if full else solve_bounded(stiff, target, constraints.lower)
+            x = solve_all(stiff, target, constraints) if full else solve_bounded(stiff, target, constraints.lower)
         return x
 
     def errors(self, terms: Sequence[Term], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:
@@ -362,10 +364,7 @@ class Evidence:
         layout = self.layout(sorted(key[0], key=term_order))
         places, constraints = self.indices(layout), self.constraints(layout)
         a, b = self._normals(layout, self.sums.others)
-        folds = [
-            self._solved(layout, a[f], b[f], constraints, physical) if layout.total else np.zeros(0)
-            for f in range(self.folds.number)
-        ]
+        folds = self._solved(layout, a, b, constraints, physical) if layout.total else b
         held = Held.of(self.sums, places, folds, self.weights)
         kept = self._following if layout.following else self._still
         make_room(kept)

@@ -17,24 +17,22 @@ from hybrid_dynamics.types import Array
 class Held:
     """Held-out prediction of one combination of terms: every fold predicted by a fit on the others.
 
-    ``coordinates[f]`` are those that the other folds gave, ``places`` where they stand among the columns of each
-    joint. With the vector v of :meth:`vector` the residual of a fold is columns @ v, so scores and block-wise products
-    of residuals follow from the Gram matrices; nothing is predicted sample by sample. ``joint_errors`` (n,): squared
-    held-out residual sums [N m]^2; ``score``: their weighted sum.
+    ``coordinates`` (folds, K) are those that the other folds gave, ``places`` where they stand among the columns of
+    each joint. With the vector v of :meth:`vector` the residual of a fold is columns @ v, so scores and block-wise
+    products of residuals follow from the Gram matrices; nothing is predicted sample by sample. ``joint_errors`` (n,):
+    squared held-out residual sums [N m]^2; ``score``: their weighted sum.
     """
 
     places: tuple[tuple[Indices, Indices], ...]
-    coordinates: tuple[Array, ...]
+    coordinates: Array
     joint_errors: Array
     score: float
 
     @classmethod
-    def of(
-        cls, sums: FoldSums, places: Sequence[tuple[Indices, Indices]], coordinates: Sequence[Array], weights: Array
-    ) -> Held:
+    def of(cls, sums: FoldSums, places: Sequence[tuple[Indices, Indices]], coordinates: Array, weights: Array) -> Held:
         """Scores follow from the ``sums`` of products over each fold, joints weighed by ``weights`` (n,)."""
         errors = np.zeros(len(sums.own))
-        x = np.stack(coordinates)
+        x = coordinates
         for j, (grams, (position, column)) in enumerate(zip(sums.own, places, strict=True)):
             # Of all columns few are used: the whole product would read all of them. Not those of a law on its bound at
             # zero either: with it and without it the score is the same to the last digit, and the law is dropped.
@@ -43,7 +41,7 @@ class Held:
             v = np.column_stack([-x[:, position[own]], np.ones(len(x))])
             forms = np.sum((v[:, None, :] @ picked(grams, used))[:, 0] * v, axis=1)
             errors[j] = np.maximum(forms, 0.0).sum()
-        return cls(tuple(places), tuple(coordinates), errors, float(errors @ weights))
+        return cls(tuple(places), x, errors, float(errors @ weights))
 
     def vector(self, fold: int, joint: int, size: int) -> Array:
         """What turns the ``size`` columns of ``joint``, its target as the last one, into the residual of ``fold``."""

@@ -122,41 +122,64 @@ class Constraints:
 
 
 def solve_free(a: Array, b: Array) -> Array:
-    """Unconstrained minimiser, columns scaled to unit diagonal."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
-    scaled = a * scale[:, None] * scale[None, :]
+    """Unconstrained minimisers (m, K) of ``a`` (m, K, K) and ``b`` (m, K), columns scaled to unit diagonal."""
+    scale = 1.0 / np.sqrt(np.maximum(np.einsum("mkk->mk", a), 1e-300))
+    scaled, target = a * scale[:, :, None] * scale[:, None, :], b * scale
     try:
-        return np.asarray(scale * np.linalg.solve(scaled, b * scale))
+        return np.asarray(scale * np.linalg.solve(scaled, target[:, :, None])[:, :, 0])
     except np.linalg.LinAlgError:
-        return np.asarray(scale * np.linalg.lstsq(scaled, b * scale, rcond=1e-12)[0])
+        if len(a) > 1:
+            return np.concatenate([solve_free(a[[m]], b[[m]]) for m in range(len(a))])
+        return np.asarray(scale * np.linalg.lstsq(scaled[0], target[0], rcond=1e-12)[0])
 
 
 def solve_bounded(a: Array, b: Array, lower: Array) -> Array:
-    """Minimiser under ``lower`` bounds, by fixing what violates them and releasing what would leave them."""
+    """Minimisers (m, K) under ``lower`` (K,) bounds, by fixing what violates them and releasing what would leave them:
+    ``a`` (m, K, K), ``b`` (m, K). Those that fix the same are solved at once."""
     x = solve_free(a, b)
-    fixed = np.zeros(len(b), bool)
-    for _ in range(3 * len(b)):
-        bad = ~fixed & (x < lower - 1e-12)
-        if not bad.any():
-            gradient = a @ x - b
-            release = fixed & (gradient < -1e-9 * np.maximum(np.abs(b), 1e-12))
-            if not release.any():
-                break
-            fixed[np.argmin(np.where(release, gradient, np.inf))] = False
-        fixed |= bad
-        x = np.where(fixed, lower, 0.0)
-        free = ~fixed
-        if free.any():
-            x[free] = solve_free(a[np.ix_(free, free)], b[free] - a[np.ix_(free, fixed)] @ x[fixed])
+    fixed = np.zeros(b.shape, bool)
+    left = np.arange(len(b))
+    for _ in range(3 * b.shape[1]):
+        bad = ~fixed[left] & (x[left] < lower - 1e-12)
+        good = left[~bad.any(axis=1)]
+        gradient = np.einsum("mij,mj->mi", a[good], x[good]) - b[good]
+        release = fixed[good] & (gradient < -1e-9 * np.maximum(np.abs(b[good]), 1e-12))
+        last = np.where(release, gradient, np.inf).argmin(axis=1)
+        more = release.any(axis=1)
+        fixed[good[more], last[more]] = False
+        fixed[left] |= bad
+        left = np.setdiff1d(left, good[~more])
+        if not len(left):
+            break
+        for pattern in dict.fromkeys(row.tobytes() for row in fixed[left]):
+            some = left[[row.tobytes() == pattern for row in fixed[left]]]
+            held = fixed[some[0]]
+            x[some] = np.where(held, lower, 0.0)
+            if not held.all():
+                rows, free = some[:, None], np.flatnonzero(~held)
+                known = a[some[:, None, None], free[:, None], np.flatnonzero(held)] @ lower[held]
+                x[rows, free] = solve_free(a[some[:, None, None], free[:, None], free], b[rows, free] - known)
     return x
 
 
 def solve(a: Array, b: Array, constraints: Constraints) -> Array:
-    """Minimiser under all ``constraints``; exact where only bounds are active, else to the solver's tolerance, and with
-    the remedies of :data:`TRIES` where it does not converge. Bodies can exist."""
+    """Minimiser (K,) under all ``constraints``; exact where only bounds are active, else to the solver's tolerance, and
+    with the remedies of :data:`TRIES` where it does not converge. Bodies can exist."""
+    return np.asarray(solve_all(a[None], b[None], constraints)[0])
+
+
+def solve_all(a: Array, b: Array, constraints: Constraints) -> Array:
+    """:func:`solve` of several problems: ``a`` (m, K, K), ``b`` (m, K), minimisers (m, K)."""
     x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
-    if not constraints.coupled or constraints.satisfied(np.maximum(x, constraints.lower)):
-        return x
+    if constraints.coupled:
+        for m in range(len(x)):
+            if not constraints.satisfied(np.maximum(x[m], constraints.lower)):
+                x[m] = _solve_coupled(a[m], b[m], constraints)
+    return x
+
+
+def _solve_coupled(a: Array, b: Array, constraints: Constraints) -> Array:
+    """Minimiser (K,) where coordinates constrain each other; raises RuntimeError where no remedy converges."""
     for (ridge, again, margin), farthest in product(TRIES, FARTHEST):
         stiffer = a + ridge * np.diag(np.diag(a)) if ridge else a
         solution = _solve_cones(stiffer, b, constraints, farthest, again, margin)
