@@ -60,7 +60,7 @@ types: venv
 
 # Before every commit: what needs no pass through the pipeline.
 check: lint
-	@pytest -n 2 --dist loadfile -m "not slow"
+	@pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
 
 # Types are checked beside the tests: alone they leave a core idle for a minute.
 test: style
@@ -68,7 +68,7 @@ test: style
 
 tests: venv
 	@echo "== tests (two workers; the pass through the whole pipeline takes a few minutes)"
-	@pytest -n 2 --dist loadfile
+	@pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 params: venv
 	@python -m stages.compose $(ARGS)

@@ -43,10 +43,22 @@ SLOW = frozenset(
         "test_urdf_dynamics",
     }
 )
+#: Files that take longest, the longest first: begun last, one of them would keep one worker busy while the other idles.
+FIRST = (
+    "test_pipeline",
+    "test_loop_close",
+    "test_loop_unseen",
+    "test_check_torque",
+    "test_loop_mounting",
+    "test_loop_scale",
+    "test_check_pulled",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of the slow files."""
+    """Mark the tests of the slow files, and begin with those of :data:`FIRST`."""
     for item in items:
         if Path(item.fspath).stem in SLOW:
             item.add_marker(pytest.mark.slow)
+    place = {name: k for k, name in enumerate(FIRST)}
+    items.sort(key=lambda item: place.get(Path(item.fspath).stem, len(FIRST)))
