@@ -212,6 +212,39 @@ def test_a_joint_ends_worse_only_where_the_test_can_tell(monkeypatch: pytest.Mon
     assert worse(1000, 0.03) == [False, False]
 
 
+def test_a_name_that_spoils_its_own_joint_is_contradicted_whatever_the_others_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    judge, terms = judged([])
+    block, rate = judge.settings.block, 50.0
+    constant, full = plain("torque_offset", 1, terms), Model(ROBOT)
+
+    def harms(times: int, off: float, term: Term = constant) -> bool:
+        """As above, of the elbow alone: the shoulder is now far better, now far worse with the name."""
+        rows = int(block * rate)
+        left = np.tile(np.repeat([1.0, 1.0, -1.0], rows), times)[:, None] * np.ones(2)
+        without = Model(ROBOT).adding([Effect("torque_offset", (ELBOW,), {"offset": 0.0})])
+        elsewhere = 3.0 * np.resize(np.repeat([1.0, 0.0], rows), len(left))[:, None] * np.array([1.0, 0.0])
+        moved = np.array([0.0, off])
+        monkeypatch.setattr(
+            confirm_module, "moving_errors", lambda m, _: [left + moved - elsewhere if m is full else left + elsewhere]
+        )
+        test: Any = SimpleNamespace(time=np.arange(len(left)) / rate, mask=np.ones(left.shape, bool))
+        if times == 1:
+            assert not change_on_tests(judge, [test], full, without, 11).contradicts, "among all joints it drowns"
+        return confirm_module._harms_its_joint(judge, [test], full, without, term, 11)
+
+    # Thirteen times as much left in a second and a half, by three standard errors; 3 times as much by 1.5 of them.
+    assert harms(1, 3.0)
+    assert not harms(1, 1.5)
+    # A third more: 2.6 standard errors are little where eleven are asked; of a long test it is sure.
+    assert not harms(10, 0.3)
+    assert harms(1000, 0.3)
+    # Controls: what helps, and a body, whose doing shows on other joints.
+    assert not harms(1000, -0.3)
+    assert not harms(1, 3.0, Term("link_mass", 1))
+
+
 def test_an_effect_that_helps_its_joint_is_not_contradicted_by_another_joint(monkeypatch: pytest.MonkeyPatch) -> None:
     judge, terms = judged([])
     friction, body = plain("viscous_friction", 1, terms), Term("link_mass", 1)
@@ -231,6 +264,21 @@ def test_an_effect_that_helps_its_joint_is_not_contradicted_by_another_joint(mon
         .changes[friction]
         .contradicts
     )
+
+
+def test_what_spoils_its_own_joint_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, terms = judged([])
+    friction, constant = plain("viscous_friction", 1, terms), plain("torque_offset", 0, terms)
+    fitted = refit(judge.evidence, [friction, constant])
+    found = Found([friction, constant], fitted.x, [], [], [], judge.over(fitted.evidence), Model(ROBOT))
+    full, silent = found.model(found.terms), confirm_module.TestChange(0.0, 1.0, False, np.zeros(2))
+    monkeypatch.setattr(confirm_module, "test_change", lambda *_: silent)
+    monkeypatch.setattr(confirm_module, "_unknown", lambda *_: None)
+    monkeypatch.setattr(confirm_module, "_harms_its_joint", lambda *given: given[4] == friction)
+    assert confirm_module.confirm(judge, Model(ROBOT), full, found, judge.evidence.runs).refused == (friction,)
+    # Control: where none does, none is.
+    monkeypatch.setattr(confirm_module, "_harms_its_joint", lambda *_: False)
+    assert confirm_module.confirm(judge, Model(ROBOT), full, found, judge.evidence.runs).refused == ()
 
 
 def test_runs_in_other_poses_are_not_predicted_from_each_other() -> None:

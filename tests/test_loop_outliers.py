@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.panda_arm import FRICTION, load_panda, recorded
 
+from hybrid_dynamics.loop import LoopSettings
+from hybrid_dynamics.loop.model import Model
+from hybrid_dynamics.loop.noise import _ridge
 from hybrid_dynamics.loop.outliers import OutlierSegment, outlier_segments
+from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.types import Array
 
 JOINTS, RATE, SECONDS = 6, 100.0, 20.0
@@ -66,3 +71,35 @@ def test_as_much_is_left_out_to_either_side_as_the_filters_carry_a_moment(rate: 
     left[knock] += 20.0
     (segment,) = outlier_segments(0, np.arange(rows) / rate, 0 * left, left, np.ones(left.shape, bool), pad)
     assert (segment.start, segment.stop) == (knock - round(pad * rate), knock + 1 + round(pad * rate))
+
+
+@pytest.mark.parametrize("joints", [range(7), range(0)], ids=["a knock", "none"])
+def test_a_knock_in_a_log_of_seconds_is_left_out(joints: range) -> None:
+    # Five seconds have too few rows for all columns of the rich model on the first joints, on which all links act.
+    robot, settings = load_panda(), LoopSettings()
+    log = recorded(robot, FRICTION, 5.0, 0)
+    tau, moment = log["tau"].copy(), np.abs(log.time - log.time[0] - 2.5) < 0.05
+    tau[np.ix_(moment, list(joints))] += 30.0
+    logs = read_motion(robot, [log.with_signals(tau=tau)], [], settings)
+    judge, _, notes = gather(Model(robot), logs, settings)
+    told = [note for note in notes if "outlier segment" in note]
+    if joints:
+        (line,) = told
+        assert "around 2.5" in line
+    else:
+        # The control: friction that turns over on many joints is none.
+        assert told == []
+    # White noise of .05 N m, smoothed, and what friction leaves where the model of few columns is as poor as it is.
+    assert np.all(judge.floor < 0.6)
+
+
+def test_as_many_directions_as_there_are_rows_for_are_those_that_vary_most() -> None:
+    rng = np.random.default_rng(0)
+    wide, narrow, target = rng.normal(size=(3, 500))
+    columns = np.column_stack([wide, wide + 0.1 * narrow, narrow, 2.0 * wide + narrow])
+    rows = np.column_stack([columns, 3.0 * wide + 1e-3 * target])
+    gram = rows.T @ rows
+    left = [np.std(rows[:, -1] - columns @ _ridge(gram, 1e-9, most)) for most in (1, 2, 4)]
+    assert left[0] > 0.3, "one direction is a mixture"
+    assert left[1] == pytest.approx(1e-3, rel=0.1), "there are two"
+    np.testing.assert_allclose(columns @ _ridge(gram, 1e-9, 4), columns @ _ridge(gram, 1e-9), atol=1e-6)

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop.evidence import Evidence
@@ -59,20 +60,20 @@ def noise_floor(evidence: Evidence, terms: Sequence[Term] = (), x: Array | None 
 def rich_residuals(evidence: Evidence) -> list[Array]:
     """What the rich model leaves of the torque (K, n) [N m], fitted run by run: runs may differ in what is missing.
 
-    Where a run has too few rows for that, the fit on all runs serves it; where all have, nothing is left (0).
+    Where a run has too few rows for that, the fit on all runs serves it; where all have, it has as many directions of
+    its columns as they have rows for, those first along which the columns vary most.
     """
     out = [np.zeros(t.shape) for t in evidence.problem.base_target]
     for j, rows in rich_rows(evidence, evidence.problem.base_target):
         counted = [part[mask[:, j]] for part, mask in zip(rows, evidence.mask, strict=True)]
         grams = [part.T @ part for part in counted]
         needed = _ROWS_PER_COLUMN * rows[0].shape[1]
+        whole = sum(grams[1:], grams[0])
         for r, part in enumerate(rows):
             if len(counted[r]) >= needed:
                 x = _ridge(grams[r], _GENTLE)
-            elif sum(map(len, counted)) >= needed:
-                x = _ridge(sum(grams[1:], grams[0]), _GENTLE)
             else:
-                continue
+                x = _ridge(whole, _GENTLE, sum(map(len, counted)) // _ROWS_PER_COLUMN)
             out[r][:, j] = part[:, -1] - part[:, :-1] @ x
     return out
 
@@ -94,11 +95,15 @@ def _among(column: Array, columns: Array) -> bool:
     return bool(np.any(np.all(np.isclose(columns, column[:, None], rtol=1e-9, atol=1e-12), axis=0)))
 
 
-def _ridge(gram: Array, ridge: float) -> Array:
-    """Coefficients of the columns for the last one, from their Gram matrix, columns scaled to unit length."""
+def _ridge(gram: Array, ridge: float, most: int | None = None) -> Array:
+    """Coefficients of the columns for the last one, from their Gram matrix, columns scaled to unit length; of ``most``
+    directions at most, those of the largest eigenvalues (principal components: Jolliffe 1982)."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
-    a = gram[:-1, :-1] * scale[:, None] * scale[None, :]
-    return np.asarray(scale * np.linalg.solve(a + ridge * np.eye(len(a)), gram[:-1, -1] * scale))
+    a, b = gram[:-1, :-1] * scale[:, None] * scale[None, :], gram[:-1, -1] * scale
+    if most is None or most >= len(a):
+        return np.asarray(scale * np.linalg.solve(a + ridge * np.eye(len(a)), b))
+    values, directions = eigh(a, subset_by_index=(len(a) - max(most, 1), len(a) - 1))
+    return np.asarray(scale * (directions @ (directions.T @ b / (values + ridge))))
 
 
 def _floor(blocks: list[Array], fold: NDArray[np.int_], folds: int) -> float:

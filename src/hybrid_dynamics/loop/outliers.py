@@ -68,7 +68,7 @@ def outlier_segments(
     # Jolts that come often are the motion itself: then only what surprises most joints counts.
     for moments in (most | jolted, most):
         spans = _spans(moments, reach)
-        if _rare(spans, time):
+        if _rare(spans, time, reach):
             return [
                 OutlierSegment(
                     run,
@@ -105,9 +105,12 @@ def _spans(moments: NDArray[np.bool_], reach: int) -> list[NDArray[np.int_]]:
     return [np.flatnonzero(joined == k + 1) for k in range(count)]
 
 
-def _rare(spans: list[NDArray[np.int_]], time: Array) -> bool:
+def _rare(spans: list[NDArray[np.int_]], time: Array, reach: int) -> bool:
+    """True where ``spans`` are short and few. Of their share what the filters carry to either side, ``reach`` rows, is
+    not counted: of five seconds a knock of a tenth would be more than that by its filtered flanks alone."""
     dt = float(time[1] - time[0])
-    return sum(len(s) for s in spans) <= LARGEST_SHARE * len(time) and all(len(s) * dt <= LONGEST for s in spans)
+    own = sum(max(len(s) - 2 * reach, 1) for s in spans)
+    return own <= LARGEST_SHARE * len(time) and all(len(s) * dt <= LONGEST for s in spans)
 
 
 def describe(found: Sequence[OutlierSegment], names: Sequence[str]) -> list[str]:
