@@ -48,7 +48,7 @@ class Told:
 
     def held(self, terms: Any, physical: bool = False) -> Held:
         place = list(self.residuals).index(frozenset(terms))
-        return Held.of(self.sums, [(np.array([0]), np.array([place]))], [np.array([-1.0])], self.weights)
+        return Held.of(self.sums, [(np.array([0]), np.array([place]))], np.array([[-1.0]]), self.weights)
 
     def change(self, left: Held, old: Held, new: Held) -> np.ndarray:
         return change_by_block(left, old, new, self.gram, self.folds)

@@ -169,9 +169,9 @@ def test_a_law_on_its_bound_at_zero_changes_no_score() -> None:
     # Of whichever column, and however many there are.
     sums, rng = FoldSums((grams[0],), (grams,), (grams,), np.empty(0)), np.random.default_rng(0)
     for size in range(3, 38):
-        columns, folds = np.arange(size), list(rng.normal(size=(4, size)))
+        columns, folds = np.arange(size), rng.normal(size=(4, size))
         whole = Held.of(sums, [(np.arange(size), columns)], folds, np.ones(1)).score
         at = int(rng.integers(size + 1))
-        wider = [np.insert(fold, at, 0.0) for fold in folds]
+        wider = np.insert(folds, at, 0.0, axis=1)
         with_idle = Held.of(sums, [(np.arange(size + 1), np.insert(columns, at, 38))], wider, np.ones(1)).score
         assert with_idle == whole
