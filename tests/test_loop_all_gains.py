@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from tests.panda_arm import FINGERS, JOINTS
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.loop import LoopSettings, Model, all_gains, known
 from hybrid_dynamics.loop.all_gains import from_gains
+from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.augment import model_of
 from hybrid_dynamics.loop.beside import links_near
 from hybrid_dynamics.loop.known import much_worse
@@ -61,7 +63,7 @@ def wrong_gains() -> tuple[Judge, list[Term]]:
 def test_gains_of_all_joints_take_the_place_of_a_link_that_stood_for_them(wrong_gains):
     judge, terms = wrong_gains
     chosen = [one_link(judge, terms)]
-    there, found, offered, steps = from_gains(judge.at(chosen), chosen, terms, lambda step: None)
+    there, found, offered, steps, _ = from_gains(judge.at(chosen), chosen, terms, lambda step: None)
     assert steps
     assert [t.joint for t in offered] == [0, 1, 2, 3]
     effects = model_of(there.evidence, found, False).effects
@@ -77,13 +79,13 @@ def test_nothing_is_asked_where_no_more_than_the_floor_is_left(wrong_gains):
     true = [Term("torque_gain", j) for j in range(4)]
     true += [Term(name, j) for name in ("coulomb_friction", "viscous_friction") for j in range(4)]
     judge = judge.adding(true).at(true)
-    assert from_gains(judge, true, terms, lambda step: None)[1:] == (true, [], [])
+    assert from_gains(judge, true, terms, lambda step: None)[1:] == (true, [], [], [])
 
 
 def test_all_links_are_not_asked_here(wrong_gains):
     judge, terms = wrong_gains
     links = [all_links_of(terms)]
-    assert from_gains(judge.at(links), links, terms, lambda step: None)[1:] == (links, [], [])
+    assert from_gains(judge.at(links), links, terms, lambda step: None)[1:] == (links, [], [], [])
 
 
 def test_motors_of_an_arm_whose_links_are_known_have_not_changed():
@@ -91,13 +93,13 @@ def test_motors_of_an_arm_whose_links_are_known_have_not_changed():
     same = Effect(links.effect, (), links.family().parameters_of(np.zeros(40), ROBOT, links), dict(links.settings))
     judge, terms = judged(GAINS, start=Model(ROBOT, (same,)))
     chosen = [one_link(judge, terms)]
-    assert from_gains(judge.at(chosen), chosen, terms, lambda step: None)[1:] == (chosen, [], [])
+    assert from_gains(judge.at(chosen), chosen, terms, lambda step: None)[1:4] == (chosen, [], [])
 
 
 def test_what_may_not_be_named_is_not_offered():
     judge, terms = judged(GAINS, LoopSettings(effects=("link_inertia", "coulomb_friction", "viscous_friction")))
     chosen = [one_link(judge, terms)]
-    assert from_gains(judge.at(chosen), chosen, terms, lambda step: None)[1:] == (chosen, [], [])
+    assert from_gains(judge.at(chosen), chosen, terms, lambda step: None)[1:4] == (chosen, [], [])
 
 
 def test_gains_come_in_only_where_they_predict_surely_better_than_all_links(monkeypatch):
@@ -109,12 +111,32 @@ def test_gains_come_in_only_where_they_predict_surely_better_than_all_links(monk
     judge, terms = judged([heavier, *(Effect("torque_ripple", (j,), wave) for j in ROBOT.joint_names)])
     chosen = [one_link(judge, terms)]
     asked: list[object] = []
-    assert from_gains(judge.at(chosen), chosen, terms, asked.append)[1:] == (chosen, [], [])
+    assert from_gains(judge.at(chosen), chosen, terms, asked.append)[1:4] == (chosen, [], [])
     assert asked
     # Control: they would come in, if all links had not to be surpassed.
     monkeypatch.setattr(all_gains, "_better", lambda *of: True)
     found = from_gains(judge.at(chosen), chosen, terms, asked.append)[1]
     assert any(t.effect == "torque_gain" for t in found)
+
+
+def test_gains_that_do_as_well_as_the_links_that_are_named_are_told(wrong_gains):
+    (links,) = family("inertial_parameters").terms(ROBOT, np.ones(4, bool), {})
+    instead = [Term("torque_gain", j) for j in range(4)]
+    plain = [Term(name, j) for name in ("coulomb_friction", "viscous_friction") for j in range(4)]
+
+    def told(judge: Judge, terms: list[Term]) -> list[dict[str, Any]]:
+        judge = judge.adding([links, *plain]).at([links, *plain])
+        return indistinguishable(judge, [links, *plain], terms, [*instead, *plain])[links]
+
+    first, *others = told(*wrong_gains)
+    assert [e["effect"] for e in first["effects"]] == ["torque_gain"] * 4
+    assert [e["joints"] for e in first["effects"]] == [[name] for name in ROBOT.joint_names]
+    assert "each by its own factor" in first["why"]
+    assert "payload of known mass" in first["motion_that_would_tell"]
+    # Control: where links are off as links are, no gains do as well.
+    change = links.family().draw(ROBOT, links, np.random.default_rng(5))
+    heavier = Effect(links.effect, (), links.family().parameters_of(change, ROBOT, links), dict(links.settings))
+    assert not any("each by its own factor" in entry["why"] for entry in [*others, *told(*judged([heavier]))])
 
 
 def judged_beside_links(judged, monkeypatch, unknown):
@@ -155,7 +177,7 @@ def test_links_that_are_off_each_in_its_own_way_are_no_gains(seed):
     heavier = Effect(links.effect, (), links.family().parameters_of(change, ROBOT, links), dict(links.settings))
     judge, terms = judged([heavier])
     chosen = [one_link(judge, terms)]
-    _, found, _, _ = from_gains(judge.at(chosen), chosen, terms, lambda step: None)
+    _, found, *_ = from_gains(judge.at(chosen), chosen, terms, lambda step: None)
     assert not any(t.effect == "torque_gain" for t in found)
 
 

@@ -8,9 +8,12 @@ from tests.panda_arm import FRICTION, load_panda, recorded
 
 from hybrid_dynamics.loop import LoopSettings
 from hybrid_dynamics.loop.model import Model
-from hybrid_dynamics.loop.noise import _ridge
+from hybrid_dynamics.loop.noise import _ridge, rich_residuals
 from hybrid_dynamics.loop.outliers import OutlierSegment, outlier_segments
 from hybrid_dynamics.loop.prepare import gather, read_motion
+from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.simulation.excitation import excitation
+from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
 JOINTS, RATE, SECONDS = 6, 100.0, 20.0
@@ -63,6 +66,17 @@ def test_jolts_that_come_often_are_the_motion_itself() -> None:
     assert len(found(motion(every), knock)) == 1
 
 
+def test_knocks_that_come_often_ask_for_an_explanation() -> None:
+    # A tenth of a second of all joints: now and then it is left out, every .4 s it is what the log is made of.
+    def knocks(every: float) -> Array:
+        out = residual(8.2, 0)
+        out[(TIME % every > 0.2) & (TIME % every < 0.3)] += 20.0
+        return out
+
+    assert len(found(motion(()), knocks(5.0))) == 4
+    assert found(motion(()), knocks(0.4)) == []
+
+
 @pytest.mark.parametrize("rate", [100.0, 400.0])
 @pytest.mark.parametrize("pad", [0.03, 0.2])
 def test_as_much_is_left_out_to_either_side_as_the_filters_carry_a_moment(rate: float, pad: float) -> None:
@@ -91,6 +105,20 @@ def test_a_knock_in_a_log_of_seconds_is_left_out(joints: range) -> None:
         assert told == []
     # White noise of .05 N m, smoothed, and what friction leaves where the model of few columns is as poor as it is.
     assert np.all(judge.floor < 0.6)
+
+
+def test_a_log_of_seconds_has_a_rich_model_that_leaves_the_noise() -> None:
+    # Of some hundred columns and little more rows: with all of them next to nothing would be left, and no knock seen.
+    robot, settings = load_panda(), LoopSettings()
+
+    def smoothed(log: Trajectory) -> Run:
+        return read_motion(robot, [log], [log], settings).train[0]
+
+    noisy, clean = recorded(robot, [], 1.6, 0), excitation(robot, [], duration=1.6, rate=200.0)
+    evidence = gather(Model(robot), read_motion(robot, [noisy], [noisy], settings), settings)[0].evidence
+    (left,), (moving,) = rich_residuals(evidence), evidence.mask
+    noise = smoothed(noisy).tau - smoothed(clean).tau
+    assert all(np.std(left[moving[:, j], j]) > 0.9 * np.std(noise[moving[:, j], j]) for j in range(7))
 
 
 def test_as_many_directions_as_there_are_rows_for_are_those_that_vary_most() -> None:

@@ -22,7 +22,7 @@ from hybrid_dynamics.loop.known import WRONG
 from hybrid_dynamics.loop.prune import from_everything
 from hybrid_dynamics.loop.scale import gain_families
 from hybrid_dynamics.loop.search import Step, search
-from hybrid_dynamics.loop.trace import Judge, all_links_of, has_all_links
+from hybrid_dynamics.loop.trace import Gain, Judge, all_links_of, has_all_links
 from hybrid_dynamics.loop.weighing import counting_by
 from hybrid_dynamics.loop.widen import BETTER, with_plain
 
@@ -32,10 +32,11 @@ FEWEST = 3
 
 def from_gains(
     judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], report: Callable[[Step], None]
-) -> tuple[Judge, list[Term], list[Term], list[Step]]:
+) -> tuple[Judge, list[Term], list[Term], list[Step], list[Term]]:
     """``chosen``, or what is needed of gains of all joints and of ``candidates`` where that predicts held-out rows
     better by :data:`BETTER` standard errors than ``chosen`` and than all links do, however near they are held, joints
     counting by what both leave, and much better on one; the judge there, the gains that were offered, and the steps.
+    Last the end that has gains and was not better: it may be as good as what is named in the end (:func:`as_good_as`).
 
     Nothing is asked where ``chosen`` has all links (gains in their place: :mod:`.narrow`), where it or all links, with
     the friction that they lack, leave most joints no more than their floor, or of a starting model whose links were
@@ -43,40 +44,59 @@ def from_gains(
     """
     gains, links = _gains(judge), all_links_of(candidates)
     if len(gains) < FEWEST or has_all_links(chosen) or judge.evidence.problem.links_identified:
-        return judge, list(chosen), [], []
+        return judge, list(chosen), [], [], []
     rivals = [list(chosen), *([] if links is None else [[links]])]
     rivals += [near for share in LINKS_WITHIN if (near := links_near(judge, [], candidates, share))]
     held = []
     for rival in rivals:
         held.append(with_plain(judge.adding(rival).at(rival), rival, candidates))
         if not judge.mostly_left(held[-1]):
-            return judge, list(chosen), [], []
+            return judge, list(chosen), [], [], []
     there, steps = from_everything(judge.adding(gains), candidates, report, gains)
     there, further = search(there, [*candidates, *gains], report, steps[-1].terms)
     found = list(further[-1].terms)
+    if not any(t in gains for t in found):
+        return judge, list(chosen), [], [], []
     better = (_better(there, found, rival, own, candidates) for rival, own in zip(rivals, held, strict=True))
-    if not any(t in gains for t in found) or not all(better):
-        return judge, list(chosen), [], []
-    return there, found, gains, [*steps, *further]
+    if not all(better):
+        return judge, list(chosen), [], [], found
+    return there, found, gains, [*steps, *further], []
+
+
+def as_good_as(judge: Judge, gains: Sequence[Term], named: Sequence[Term], candidates: Sequence[Term]) -> bool:
+    """True where an end of the search that has ``gains`` predicts held-out rows as well as what is ``named`` where
+    ``judge`` stands, within a standard error, each with the friction of ``candidates`` that it lacks."""
+    alone = with_plain(judge.adding(named), named, candidates)
+    there = judge.adding(gains).at(gains)
+    gain, gained, _ = _compared(there, gains, named, alone, candidates)
+    return min(gain.total, gained) >= -gain.error
 
 
 def _better(
     judge: Judge, found: Sequence[Term], rival: Sequence[Term], alone: Held, candidates: Sequence[Term]
 ) -> bool:
     """True where ``found``, where ``judge`` stands, predicts held-out rows surely better than ``rival`` with the
-    friction that it lacks, which leaves a joint with :data:`~.known.WRONG` times as much (mean square).
+    friction that it lacks, which leaves a joint with :data:`~.known.WRONG` times as much (mean square)."""
+    gain, gained, times = _compared(judge, found, rival, alone, candidates)
+    return gain.surer_than(BETTER) and times > WRONG and gained > BETTER * gain.error
 
-    Where the gains stand a law of the rival may be another: it counts by the better of that and of what it predicts
-    where it stands ``alone``.
+
+def _compared(
+    judge: Judge, found: Sequence[Term], rival: Sequence[Term], alone: Held, candidates: Sequence[Term]
+) -> tuple[Gain, float, float]:
+    """What ``found``, where ``judge`` stands, gains over ``rival`` with the friction that it lacks; the same over the
+    better of that and of what ``rival`` predicts where it stands ``alone``, on each joint; and how many times as much
+    (mean square) that leaves of the joint on which it is worst.
+
+    Where the gains stand a law of the rival may be another.
     """
     judge, plain = plain_beside(judge.adding(rival), rival, candidates)
     own, full = (judge.evidence.held(terms, physical=True) for terms in (found, [*rival, *plain]))
     least = np.minimum(judge.mean_square(full), judge.mean_square(alone))
     fair = counting_by(judge, np.sqrt(0.5 * (judge.mean_square(own) + least)))
-    gain = fair.gain(own, full)
-    gained = (least - judge.mean_square(own)) @ (fair.evidence.weights * fair.evidence.samples)
-    much = np.any(least > WRONG * judge.mean_square(own))
-    return gain.surer_than(BETTER) and bool(much and gained > BETTER * gain.error)
+    gained = float((least - judge.mean_square(own)) @ (fair.evidence.weights * fair.evidence.samples))
+    times = float(np.max(least / np.maximum(judge.mean_square(own), 1e-300)))
+    return fair.gain(own, full), gained, times
 
 
 def _gains(judge: Judge) -> list[Term]:

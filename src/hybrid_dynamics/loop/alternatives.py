@@ -10,6 +10,7 @@ import numpy as np
 
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.state import Equivalence
+from hybrid_dynamics.loop.all_gains import as_good_as
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.forms import forms_as_good
@@ -58,16 +59,18 @@ class _Named:
 
 
 def indistinguishable(
-    judge: Judge, terms: Sequence[Term], candidates: Sequence[Term]
+    judge: Judge, terms: Sequence[Term], candidates: Sequence[Term], instead: Sequence[Term] = ()
 ) -> dict[Term, list[dict[str, Any]]]:
     """What would explain as much in the place of each term (one candidate, or two together), or one cause in the place
     of several terms: why, and the remedy.
 
     Also asked are the further families on the same joints, which the search asks only where something is left: a gain
     of a joint that carries little is its friction but for a remainder. One that has more numbers than the term must
-    predict better by a standard error, or every offset would be a spring, too.
+    predict better by a standard error, or every offset would be a spring, too. ``instead``: another end of the search,
+    with gains of single joints, which all links may stand for.
     """
     forms = {term: _other_forms(judge, terms, term) for term in terms}
+    asked = judge
     judge, further = further_beside(judge, terms)
     evidence = judge.evidence
     x, layout = evidence.fit(terms), evidence.layout(terms)
@@ -99,6 +102,8 @@ def indistinguishable(
         if gain is not None and not any(_key(entry) == {(gain.effect,)} for entry in listed):
             known = _declared(gain, term.effect)
             listed.insert(0, _as_declared(evidence, gain.effect, None, known.why, known))
+        if term.family().all_links and instead and as_good_as(asked, instead, terms, candidates):
+            listed.insert(0, _with_gains(evidence, instead, term))
         out[term] = listed
     return out
 
@@ -282,6 +287,14 @@ def _several_for_one(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
         if offered.as_good(held([*rest, *group], physical=True), held(terms, physical=True)):
             out.append(_entry(offered.evidence, group, known.why, _remedy(known)))
     return out
+
+
+def _with_gains(evidence: Evidence, instead: Sequence[Term], links: Term) -> dict[str, Any]:
+    """The entry of the gains of single joints among ``instead``, which do as well as ``links``."""
+    gains = [t for t in instead if t.family().changes_reading and t.family().uses_torque]
+    known = _declared(gains[0], links.effect)
+    why = f"{INSTEAD}{links.effect}: drives whose torque is read wrongly, each by its own factor, do as well"
+    return _entry(evidence, gains, why, _remedy(known))
 
 
 def _declared(term: Term, effect: str) -> Equivalence:

@@ -1,7 +1,8 @@
 """What the test runs say of each name, openly: confirmed, or contradicted beyond uncertainty and why.
 
 The model is found without them. Afterwards every effect is left out in turn, the others re-fitted on the training runs;
-where the test runs are then predicted better beyond uncertainty, the name is contradicted. Errors are given for the
+where the test runs are then predicted better beyond uncertainty, all joints together or the only one on which the
+effect acts, the name is contradicted. Errors are given for the
 model as found and for the one without contradicted names.
 """
 
@@ -18,6 +19,7 @@ from hybrid_dynamics.effects import Term
 from hybrid_dynamics.loop import known
 from hybrid_dynamics.loop.beside import SURELY, all_beside
 from hybrid_dynamics.loop.diagnosis import predict_run
+from hybrid_dynamics.loop.floor import FEWEST_ROWS
 from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.guessed import without_wrong
 from hybrid_dynamics.loop.held_still import asks_too_much
@@ -34,12 +36,14 @@ WORSE, WORSE_IN_ERRORS = 0.05, 1.0
 @dataclass(frozen=True)
 class TestChange:
     """Relative change of the held-out mean square error that an effect brings (negative: better), its standard error,
-    and whether that contradicts the name beyond uncertainty. ``per_joint`` (n,) relative change on each joint."""
+    and whether that contradicts the name beyond uncertainty. ``per_joint`` (n,) relative change on each joint; of one
+    joint ``alone`` where that is what contradicts."""
 
     relative: float
     error: float
     contradicts: bool
     per_joint: Array
+    alone: bool = False
 
 
 def test_change(judge: Judge, tests: Sequence[Run], full: Model, without: Model, names: int) -> TestChange:
@@ -105,7 +109,8 @@ def confirm(
     The most contradicted name goes first and the rest are asked again without it. A joint that still ends worse than it
     began loses the names that make it so: its own, and those of others that help neither theirs nor the whole. So does
     one that only stands in the test runs, of which the model asks more then than friction holds. What is contradicted
-    may have stood for friction of ``candidates``, which is estimated in its place then.
+    may have stood for friction of ``candidates``, which is estimated in its place then. A name of one joint is asked
+    of that joint alone, too (:func:`_harm_to_its_joint`).
     """
     changes: dict[Term, TestChange] = {}
     kept, refused, model = list(found.terms), [], full
@@ -115,8 +120,9 @@ def confirm(
         for s in kept:
             without = _without(found, kept, s)
             change = test_change(judge, tests, model, without, names)
-            spoken = change.contradicts and not _helps_its_joint(s, change)
-            asked[s] = replace(change, contradicts=spoken or _harms_its_joint(judge, tests, model, without, s, names))
+            asked[s] = replace(change, contradicts=change.contradicts and not _helps_its_joint(s, change))
+            if not asked[s].contradicts:
+                asked[s] = _harm_to_its_joint(judge, tests, model, without, s, names) or asked[s]
             changes.setdefault(s, asked[s])
         against = [s for s in kept if asked[s].contradicts] or _worse_joints(judge, base, model, kept, asked, tests)
         if not against:
@@ -216,19 +222,29 @@ def _helps_its_joint(term: Term, change: TestChange) -> bool:
     return bool(change.per_joint[term.joint] < -PRACTICAL)
 
 
-def _harms_its_joint(judge: Judge, tests: Sequence[Run], full: Model, without: Model, term: Term, names: int) -> bool:
-    """True where an effect of one joint makes that joint alone worse on the test runs: beyond uncertainty, one of
-    ``names`` that are asked, or :data:`~.known.WRONG` times as bad (mean square) by :data:`~.beside.SURELY` standard
-    errors.
+def _harm_to_its_joint(
+    judge: Judge, tests: Sequence[Run], full: Model, without: Model, term: Term, names: int
+) -> TestChange | None:
+    """What ``term``, one of ``names`` that are asked, does to the only joint on which it acts, where it makes that
+    joint worse on the test runs: by :data:`WORSE` beyond uncertainty, at half the level of all joints together (it is
+    the second question), or :data:`~.known.WRONG` times as bad (mean square) beyond that of a single question. None
+    where it does not, or where the joint hardly moves in them.
 
     Among all joints it may drown: what a re-fit without it moves elsewhere says nothing of it. (Found on eight seconds
     of a Baxter, runs exchanged: a spring of a wrist that left eight times as much as none.)
     """
-    if term.joint is None or term.family().changes_body:
-        return False
+    acts = judge.adding([term]).evidence.acts(term)
+    rows = np.sum([run.mask.sum(axis=0) for run in tests], axis=0)
+    if acts.sum() != 1 or rows @ acts < FEWEST_ROWS:
+        return None
     new, old = (moving_errors(m, tests) for m in (full, without))
-    change = change_of(judge, new, old, tests, np.eye(judge.evidence.n)[term.joint], names)
-    return change.contradicts or change.relative > max(known.WRONG - 1.0, SURELY * change.error)
+    # Where no more than the floor is left a change of it is no harm.
+    harm = float((_squares(new) - _squares(old)) @ acts)
+    least = float(np.maximum(_squares(old), judge.floor**2 * rows) @ acts)
+    often, once = (change_of(judge, new, old, tests, acts.astype(float), many) for many in (2 * names, 1))
+    wrong = once.contradicts and harm > (known.WRONG - 1.0) * least and once.relative > SURELY * once.error
+    spoils = (often.contradicts and harm > WORSE * least) or wrong
+    return replace(once, contradicts=True, alone=True) if spoils else None
 
 
 def _ends_worse(judge: Judge, base: Model, model: Model, tests: Sequence[Run]) -> NDArray[np.bool_]:

@@ -55,7 +55,7 @@ def describe_result(
 ) -> tuple[Diagnosis, list[Model]]:
     """The diagnosis and the model after each effect; ``notes`` are what the earlier steps told."""
     robot, evidence = base.robot, judge.evidence
-    alternatives = indistinguishable(judge, found.terms, terms)
+    alternatives = indistinguishable(judge, found.terms, terms, found.instead)
     # Nothing else turns an arm onto a wall: what could stand for the rest of such a tilt says nothing.
     alternatives |= {term: [] for term in turned_by(found.start, evidence.base)}
     disagreeing = inconsistent(judge, found.terms, found.x, found.inconsistent)
@@ -239,7 +239,8 @@ def _why_not(
         return f"a correlated partner, {other['effect']}, explains as much"
     if runs == 1:
         return "found in one training run only: it may be particular to that run"
-    return f"the test runs are predicted better without it ({100 * change.relative:+.1f} % mean square error)"
+    what = "its joint is" if change.alone else "the test runs are"
+    return f"{what} predicted better without it ({100 * change.relative:+.1f} % mean square error with it)"
 
 
 def _beside(added: Sequence[Effect]) -> tuple[list[Effect], list[Effect]]:

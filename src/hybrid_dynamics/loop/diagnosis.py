@@ -68,7 +68,8 @@ class NamedEffect:
     """One effect that was found: its parameters, what else would explain as much, and what the test runs say of it.
 
     ``test_change``: relative change of the held-out mean square error that it brings (negative: better) and its
-    standard error; ``test_rmse_before`` and ``_after`` (n,) [N m] of the model without it, in the order of finding.
+    standard error, of its joint alone where that contradicts it; ``test_rmse_before`` and ``_after`` (n,) [N m] of the
+    model without it, in the order of finding.
     ``in_all``: of an effect that the starting model has at the same place, each parameter there and in the result.
     """
 

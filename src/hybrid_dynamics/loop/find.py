@@ -74,7 +74,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, further = search(weighed_by(judge, lower), candidates, report, chosen)
         steps += further
         chosen = list(further[-1].terms)
-    judge, chosen, gains, further = from_gains(judge, chosen, candidates, report)
+    judge, chosen, gains, further, instead = from_gains(judge, chosen, candidates, report)
     candidates += gains
     steps += further
     judge, chosen, offered, further = _with_the_rest(judge, chosen, candidates, report)
@@ -116,7 +116,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     there, nearer = links_nearer(there, names, beside)
     joints = judge.evidence.robot.joint_names
     notes = [*notes_of(sifted.unknown, joints), *notes_on(taken_back(chosen, names), joints), *nearer]
-    return Found(names, refit(there.evidence, names).x, [], steps, notes, there, start, beside)
+    return Found(names, refit(there.evidence, names).x, [], steps, notes, there, start, beside, instead=instead)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ class Found:
     """``terms`` and their coordinates ``x``; ``inconsistent``: those whose parameters differ between runs; ``steps``;
     ``judge`` as it weighed the joints in the end; ``beside``: estimated beside these, and no finding (:mod:`.beside`);
     ``start``: the model that is completed (the search may have begun from one whose base is turned, :mod:`.mounting`);
-    ``contacts``: effects of a moment (:mod:`.contact`), which stand last in every model."""
+    ``contacts``: effects of a moment (:mod:`.contact`), which stand last in every model; ``instead``: another end of
+    the search, with gains of single joints (:mod:`.all_gains`), that all links may stand for."""
 
     terms: list[Term]
     x: Array
@@ -30,6 +31,7 @@ class Found:
     start: Model
     beside: list[Term] = field(default_factory=list)
     contacts: list[Effect] = field(default_factory=list)
+    instead: list[Term] = field(default_factory=list)
 
     def effects(self, covariance: bool = True) -> list[Effect]:
         """With published parameters and standard errors."""

@@ -102,7 +102,7 @@ def _ridge(gram: Array, ridge: float, most: int | None = None) -> Array:
     a, b = gram[:-1, :-1] * scale[:, None] * scale[None, :], gram[:-1, -1] * scale
     if most is None or most >= len(a):
         return np.asarray(scale * np.linalg.solve(a + ridge * np.eye(len(a)), b))
-    values, directions = eigh(a, subset_by_index=(len(a) - max(most, 1), len(a) - 1))
+    values, directions = eigh(a, subset_by_index=(len(a) - most, len(a) - 1))
     return np.asarray(scale * (directions @ (directions.T @ b / (values + ridge))))
 
 

@@ -106,11 +106,12 @@ def _spans(moments: NDArray[np.bool_], reach: int) -> list[NDArray[np.int_]]:
 
 
 def _rare(spans: list[NDArray[np.int_]], time: Array, reach: int) -> bool:
-    """True where ``spans`` are short and few. Of their share what the filters carry to either side, ``reach`` rows, is
-    not counted: of five seconds a knock of a tenth would be more than that by its filtered flanks alone."""
+    """True where ``spans`` are short and few: :data:`LARGEST_SHARE` of the rows, and with what the filters carry to
+    either side, ``reach`` rows, twice as much. Of five seconds a knock of a tenth is more by its flanks alone."""
     dt = float(time[1] - time[0])
-    own = sum(max(len(s) - 2 * reach, 1) for s in spans)
-    return own <= LARGEST_SHARE * len(time) and all(len(s) * dt <= LONGEST for s in spans)
+    own, whole = sum(max(len(s) - 2 * reach, 1) for s in spans), sum(len(s) for s in spans)
+    few = own <= LARGEST_SHARE * len(time) and whole <= 2 * LARGEST_SHARE * len(time)
+    return few and all(len(s) * dt <= LONGEST for s in spans)
 
 
 def describe(found: Sequence[OutlierSegment], names: Sequence[str]) -> list[str]:
