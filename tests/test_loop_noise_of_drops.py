@@ -255,6 +255,27 @@ def test_a_name_that_spoils_its_own_joint_is_contradicted_whatever_the_others_do
     assert not harms(3, 2.5, Term("link_mass", 1))
 
 
+def test_an_effect_that_helps_its_joint_is_not_contradicted_by_another_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, terms = judged([])
+    friction, body = plain("viscous_friction", 1, terms), Term("link_mass", 1)
+    judge = judge.adding([body])
+    said = confirm_module.TestChange(0.2, 0.01, True, np.array([0.4, -0.1]))
+    monkeypatch.setattr(confirm_module, "test_change", lambda *_: said)
+    fitted = refit(judge.evidence, [friction, body])
+    found = Found([friction, body], fitted.x, [], [], [], judge.over(fitted.evidence), Model(ROBOT))
+    confirmed = confirm_module.confirm(judge, Model(ROBOT), found.model(found.terms), found, judge.evidence.runs)
+    assert confirmed.changes[body].contradicts
+    assert not confirmed.changes[friction].contradicts
+    assert body in confirmed.refused
+    # Control: where its own joint is not better with it, what it does elsewhere counts.
+    said = replace(said, per_joint=np.array([0.4, 0.0]))
+    assert (
+        confirm_module.confirm(judge, Model(ROBOT), found.model(found.terms), found, judge.evidence.runs)
+        .changes[friction]
+        .contradicts
+    )
+
+
 def _names(model: Model) -> list[Term]:
     return [e.term(ROBOT).as_finding for e in model.effects]
 

@@ -18,7 +18,7 @@ from hybrid_dynamics.loop.further import further_beside
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.likeness import LIKENESS_OF_PAIR, SAME, Likeness, Place, pairs
 from hybrid_dynamics.loop.prune import impossible
-from hybrid_dynamics.loop.scale import gain_instead
+from hybrid_dynamics.loop.scale import gain_families, gain_instead
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.loop.unseen import MATTERS, unseen_beside
 from hybrid_dynamics.types import Array
@@ -103,7 +103,7 @@ def indistinguishable(
             known = _declared(gain, term.effect)
             listed.insert(0, _as_declared(evidence, gain.effect, None, known.why, known))
         if term.family().all_links and instead and as_good_as(asked, instead, terms, candidates):
-            listed.insert(0, _with_gains(evidence, instead, term))
+            listed.insert(0, _with_gains(judge, instead, term))
         out[term] = listed
     return out
 
@@ -289,12 +289,13 @@ def _several_for_one(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
     return out
 
 
-def _with_gains(evidence: Evidence, instead: Sequence[Term], links: Term) -> dict[str, Any]:
+def _with_gains(judge: Judge, instead: Sequence[Term], links: Term) -> dict[str, Any]:
     """The entry of the gains of single joints among ``instead``, which do as well as ``links``."""
-    gains = [t for t in instead if t.family().changes_reading and t.family().uses_torque]
+    names = [kind.name for kind in gain_families(judge.settings)]
+    gains = [t for t in instead if t.effect in names]
     known = _declared(gains[0], links.effect)
     why = f"{INSTEAD}{links.effect}: drives whose torque is read wrongly, each by its own factor, do as well"
-    return _entry(evidence, gains, why, _remedy(known))
+    return _entry(judge.evidence, gains, why, _remedy(known))
 
 
 def _declared(term: Term, effect: str) -> Equivalence:

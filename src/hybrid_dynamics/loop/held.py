@@ -32,16 +32,15 @@ class Held:
     def of(cls, sums: FoldSums, places: Sequence[tuple[Indices, Indices]], coordinates: Array, weights: Array) -> Held:
         """Scores follow from the ``sums`` of products over each fold, joints weighed by ``weights`` (n,)."""
         errors = np.zeros(len(sums.own))
-        x = coordinates
         for j, (grams, (position, column)) in enumerate(zip(sums.own, places, strict=True)):
             # Of all columns few are used: the whole product would read all of them. Not those of a law on its bound at
             # zero either: with it and without it the score is the same to the last digit, and the law is dropped.
-            own = np.any(x[:, position] != 0.0, axis=0)
+            own = np.any(coordinates[:, position] != 0.0, axis=0)
             used = np.append(column[own], grams.shape[-1] - 1)
-            v = np.column_stack([-x[:, position[own]], np.ones(len(x))])
+            v = np.column_stack([-coordinates[:, position[own]], np.ones(len(coordinates))])
             forms = np.sum((v[:, None, :] @ picked(grams, used))[:, 0] * v, axis=1)
             errors[j] = np.maximum(forms, 0.0).sum()
-        return cls(tuple(places), x, errors, float(errors @ weights))
+        return cls(tuple(places), coordinates, errors, float(errors @ weights))
 
     def vector(self, fold: int, joint: int, size: int) -> Array:
         """What turns the ``size`` columns of ``joint``, its target as the last one, into the residual of ``fold``."""
