@@ -129,7 +129,9 @@ class Measurements:
             return None
         if done.returncode:
             last = (done.stderr.strip().splitlines() or ["killed"])[-1]
-            print(f"  {case} ({side}): not measured: {last}", flush=True)
+            lacking = side == "peer" and python == sys.executable
+            remedy = "; peers are installed by: make bench-peers" if lacking else ""
+            print(f"  {case} ({side}): not measured: {last}{remedy}", flush=True)
             return None
         return dict(json.loads(done.stdout.strip().splitlines()[-1]))
 

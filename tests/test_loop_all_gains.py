@@ -11,7 +11,7 @@ from tests.panda_arm import FINGERS, JOINTS
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.loop import LoopSettings, Model, all_gains, known
-from hybrid_dynamics.loop.all_gains import from_gains
+from hybrid_dynamics.loop.all_gains import GainsEnd, from_gains
 from hybrid_dynamics.loop.alternatives import indistinguishable
 from hybrid_dynamics.loop.augment import model_of
 from hybrid_dynamics.loop.beside import links_near
@@ -63,10 +63,10 @@ def wrong_gains() -> tuple[Judge, list[Term]]:
 def test_gains_of_all_joints_take_the_place_of_a_link_that_stood_for_them(wrong_gains):
     judge, terms = wrong_gains
     chosen = [one_link(judge, terms)]
-    there, found, offered, steps, _ = from_gains(judge.at(chosen), chosen, terms, lambda step: None)
-    assert steps
-    assert [t.joint for t in offered] == [0, 1, 2, 3]
-    effects = model_of(there.evidence, found, False).effects
+    end = from_gains(judge.at(chosen), chosen, terms, lambda step: None)
+    assert end.steps
+    assert [t.joint for t in end.gains] == [0, 1, 2, 3]
+    effects = model_of(end.judge.evidence, end.terms, False).effects
     named = {e.joints: e.parameters["gain"] for e in effects if e.effect == "torque_gain"}
     # One factor that is common to all is one name, and the others' are told beside it.
     common = named.pop((), 1.0)
@@ -79,13 +79,14 @@ def test_nothing_is_asked_where_no_more_than_the_floor_is_left(wrong_gains):
     true = [Term("torque_gain", j) for j in range(4)]
     true += [Term(name, j) for name in ("coulomb_friction", "viscous_friction") for j in range(4)]
     judge = judge.adding(true).at(true)
-    assert from_gains(judge, true, terms, lambda step: None)[1:] == (true, [], [], [])
+    assert from_gains(judge, true, terms, lambda step: None) == GainsEnd(judge, true)
 
 
 def test_all_links_are_not_asked_here(wrong_gains):
     judge, terms = wrong_gains
     links = [all_links_of(terms)]
-    assert from_gains(judge.at(links), links, terms, lambda step: None)[1:] == (links, [], [], [])
+    there = judge.at(links)
+    assert from_gains(there, links, terms, lambda step: None) == GainsEnd(there, links)
 
 
 def test_motors_of_an_arm_whose_links_are_known_have_not_changed():
@@ -93,13 +94,15 @@ def test_motors_of_an_arm_whose_links_are_known_have_not_changed():
     same = Effect(links.effect, (), links.family().parameters_of(np.zeros(40), ROBOT, links), dict(links.settings))
     judge, terms = judged(GAINS, start=Model(ROBOT, (same,)))
     chosen = [one_link(judge, terms)]
-    assert from_gains(judge.at(chosen), chosen, terms, lambda step: None)[1:4] == (chosen, [], [])
+    end = from_gains(judge.at(chosen), chosen, terms, lambda step: None)
+    assert (end.terms, end.gains, end.steps) == (chosen, [], [])
 
 
 def test_what_may_not_be_named_is_not_offered():
     judge, terms = judged(GAINS, LoopSettings(effects=("link_inertia", "coulomb_friction", "viscous_friction")))
     chosen = [one_link(judge, terms)]
-    assert from_gains(judge.at(chosen), chosen, terms, lambda step: None)[1:4] == (chosen, [], [])
+    end = from_gains(judge.at(chosen), chosen, terms, lambda step: None)
+    assert (end.terms, end.gains, end.steps) == (chosen, [], [])
 
 
 def test_gains_come_in_only_where_they_predict_surely_better_than_all_links(monkeypatch):
@@ -111,11 +114,12 @@ def test_gains_come_in_only_where_they_predict_surely_better_than_all_links(monk
     judge, terms = judged([heavier, *(Effect("torque_ripple", (j,), wave) for j in ROBOT.joint_names)])
     chosen = [one_link(judge, terms)]
     asked: list[object] = []
-    assert from_gains(judge.at(chosen), chosen, terms, asked.append)[1:4] == (chosen, [], [])
+    end = from_gains(judge.at(chosen), chosen, terms, asked.append)
+    assert (end.terms, end.gains, end.steps) == (chosen, [], [])
     assert asked
     # Control: they would come in, if all links had not to be surpassed.
     monkeypatch.setattr(all_gains, "_better", lambda *of: True)
-    found = from_gains(judge.at(chosen), chosen, terms, asked.append)[1]
+    found = from_gains(judge.at(chosen), chosen, terms, asked.append).terms
     assert any(t.effect == "torque_gain" for t in found)
 
 
@@ -177,7 +181,7 @@ def test_links_that_are_off_each_in_its_own_way_are_no_gains(seed):
     heavier = Effect(links.effect, (), links.family().parameters_of(change, ROBOT, links), dict(links.settings))
     judge, terms = judged([heavier])
     chosen = [one_link(judge, terms)]
-    _, found, *_ = from_gains(judge.at(chosen), chosen, terms, lambda step: None)
+    found = from_gains(judge.at(chosen), chosen, terms, lambda step: None).terms
     assert not any(t.effect == "torque_gain" for t in found)
 
 

@@ -11,6 +11,7 @@ constants are wrong): beside one link's body 4 and 6.5 times the error of the ga
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,13 +31,25 @@ from hybrid_dynamics.loop.widen import BETTER, with_plain
 FEWEST = 3
 
 
+@dataclass(frozen=True)
+class GainsEnd:
+    """The better end: its ``terms`` and the ``judge`` there; the ``gains`` that were offered and the ``steps``, where
+    it has gains; ``instead``: the end that has gains where it was not better."""
+
+    judge: Judge
+    terms: list[Term]
+    gains: list[Term] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    instead: list[Term] = field(default_factory=list)
+
+
 def from_gains(
     judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term], report: Callable[[Step], None]
-) -> tuple[Judge, list[Term], list[Term], list[Step], list[Term]]:
+) -> GainsEnd:
     """``chosen``, or what is needed of gains of all joints and of ``candidates`` where that predicts held-out rows
     better by :data:`BETTER` standard errors than ``chosen`` and than all links do, however near they are held, joints
-    counting by what both leave, and much better on one; the judge there, the gains that were offered, and the steps.
-    Last the end that has gains and was not better: it may be as good as what is named in the end (:func:`as_good_as`).
+    counting by what both leave, and much better on one. An end that has gains and was not better may be as good as
+    what is named in the end (:func:`as_good_as`).
 
     Nothing is asked where ``chosen`` has all links (gains in their place: :mod:`.narrow`), where it or all links, with
     the friction that they lack, leave most joints no more than their floor, or of a starting model whose links were
@@ -44,23 +57,23 @@ def from_gains(
     """
     gains, links = _gains(judge), all_links_of(candidates)
     if len(gains) < FEWEST or has_all_links(chosen) or judge.evidence.problem.links_identified:
-        return judge, list(chosen), [], [], []
+        return GainsEnd(judge, list(chosen))
     rivals = [list(chosen), *([] if links is None else [[links]])]
     rivals += [near for share in LINKS_WITHIN if (near := links_near(judge, [], candidates, share))]
     held = []
     for rival in rivals:
         held.append(with_plain(judge.adding(rival).at(rival), rival, candidates))
         if not judge.mostly_left(held[-1]):
-            return judge, list(chosen), [], [], []
+            return GainsEnd(judge, list(chosen))
     there, steps = from_everything(judge.adding(gains), candidates, report, gains)
     there, further = search(there, [*candidates, *gains], report, steps[-1].terms)
     found = list(further[-1].terms)
     if not any(t in gains for t in found):
-        return judge, list(chosen), [], [], []
+        return GainsEnd(judge, list(chosen))
     better = (_better(there, found, rival, own, candidates) for rival, own in zip(rivals, held, strict=True))
     if not all(better):
-        return judge, list(chosen), [], [], found
-    return there, found, gains, [*steps, *further], []
+        return GainsEnd(judge, list(chosen), instead=found)
+    return GainsEnd(there, found, gains, [*steps, *further])
 
 
 def as_good_as(judge: Judge, gains: Sequence[Term], named: Sequence[Term], candidates: Sequence[Term]) -> bool:

@@ -74,10 +74,10 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, further = search(weighed_by(judge, lower), candidates, report, chosen)
         steps += further
         chosen = list(further[-1].terms)
-    judge, chosen, gains, further, instead = from_gains(judge, chosen, candidates, report)
-    candidates += gains
-    steps += further
-    judge, chosen, offered, further = _with_the_rest(judge, chosen, candidates, report)
+    end = from_gains(judge, chosen, candidates, report)
+    candidates += end.gains
+    steps += end.steps
+    judge, chosen, offered, further = _with_the_rest(end.judge, end.terms, candidates, report)
     steps += further
     # Another form of what has been looked for already is new, too.
     candidates += offered
@@ -116,7 +116,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     there, nearer = links_nearer(there, names, beside)
     joints = judge.evidence.robot.joint_names
     notes = [*notes_of(sifted.unknown, joints), *notes_on(taken_back(chosen, names), joints), *nearer]
-    return Found(names, refit(there.evidence, names).x, [], steps, notes, there, start, beside, instead=instead)
+    return Found(names, refit(there.evidence, names).x, [], steps, notes, there, start, beside, instead=end.instead)
 
 
 @dataclass(frozen=True)
