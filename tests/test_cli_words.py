@@ -40,6 +40,33 @@ def diagnosis() -> dict:
     } | {"effect": effect}
 
 
+def test_what_cannot_be_told_is_not_told_as_missing():
+    """A joint whose torque never changes, or whose rest may be slow noise, is no proof that an effect is missing."""
+    value = diagnosis()
+    effect = value.pop("effect")
+    named, value["effects"] = value["effects"], []
+    silent = [{"joint": "b", "why": "its torque never changes in the training runs; its effects are not sought"}]
+    value |= {"verdict": "unexplained", "unexplained": [], "not_identifiable": silent}
+    rest = "nothing was added; nothing is known of b: the torque there never changes"
+    assert verdict_line(value) == f"arm: unexplained: {rest}"
+    assert second_line(value) == "held-out error 0.62 %"
+    assert headline(value).startswith(f"{rest}; held-out error")
+    value |= {"not_identifiable": [], "unexplained": [{"joint": "a", "share_of_residual_variance": 0.2}]}
+    value |= {"cannot_tell": [True, False], "motion_dependent": [False, False]}
+    assert verdict_line(value).endswith("whether an effect is missing on a these runs cannot tell")
+    value |= {"effects": [*named, effect("armature", ["b"], ("armature", 0.2, "kg m²"))], "verdict": "partly_explained"}
+    assert headline(value).startswith("missing, as far as can be told: payload 1.47 kg; ")
+    assert verdict_line(value).endswith("has been added; whether more is missing on a these runs cannot tell")
+    # The control: what surely remains, on any joint, is told as that.
+    value["motion_dependent"] = [True, False]
+    assert headline(value).startswith("missing, and not all: ")
+    assert verdict_line(value).endswith("something remains")
+    value |= {"motion_dependent": [False, False], "worse_on_test": [True, False]}
+    assert verdict_line(value).endswith("something remains")
+    value |= {"worse_on_test": [False, False], "beyond_friction": [0.3, 0.0]}
+    assert verdict_line(value).endswith("something remains")
+
+
 def test_words_for_every_verdict():
     value = diagnosis()
     effect = value.pop("effect")

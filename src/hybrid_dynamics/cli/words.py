@@ -8,11 +8,11 @@ from typing import Any
 
 from hybrid_dynamics.effects.units import with_unit
 from hybrid_dynamics.loop.alternatives import INSTEAD
+from hybrid_dynamics.loop_report.meaning import meaning, only_untold
 from hybrid_dynamics.loop_report.parameter_words import place, settings_words, several_words, single_words
 from hybrid_dynamics.loop_report.rest import beyond_friction, final_errors, learned, state_of, unproven_shares
 from hybrid_dynamics.loop_report.words import (
     VARIABLES,
-    VERDICTS,
     asked,
     confirmed,
     described,
@@ -43,8 +43,13 @@ TOLD_ALREADY = (
 
 def verdict_line(diagnosis: Mapping[str, Any]) -> str:
     """``panda: explained: what the model lacked has been found ...``."""
-    meaning, short = VERDICTS[diagnosis["verdict"]], verdict_words(diagnosis)
-    return f"{diagnosis['robot']}: {short}: {meaning[:1].lower()}{meaning[1:].rstrip('.')}"
+    return f"{diagnosis['robot']}: {verdict_words(diagnosis)}: {_clause(diagnosis)}"
+
+
+def _clause(diagnosis: Mapping[str, Any]) -> str:
+    """What the verdict means, within a sentence."""
+    says = meaning(diagnosis)
+    return f"{says[:1].lower()}{says[1:].rstrip('.')}"
 
 
 def headline(diagnosis: Mapping[str, Any]) -> str:
@@ -56,15 +61,22 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
         lead = verdict_words(diagnosis) if asked(diagnosis) else "nothing is missing"
         return f"{lead}; {_error_kept(diagnosis)}"
     if not named:
-        return f"something is missing, but nothing looked for explains it; {error}"
+        untold = only_untold(diagnosis)
+        return (
+            f"{_clause(diagnosis) if untold else 'something is missing, but nothing looked for explains it'}; {error}"
+        )
     # Asked of an earlier model, what is found is what has changed since: friction may have become less.
     lead = "changed" if asked(diagnosis) else "missing or wrong in the URDF" if described(diagnosis) else "missing"
-    return f"{lead}{'' if verdict == 'explained' else ', and not all'}: {named}; {error}"
+    far = "" if verdict == "explained" else ", as far as can be told" if only_untold(diagnosis) else ", and not all"
+    return f"{lead}{far}: {named}; {error}"
 
 
 def second_line(diagnosis: Mapping[str, Any]) -> str:
     """The headline behind :func:`verdict_line`, without what that has said already."""
-    return _error_kept(diagnosis) if diagnosis["verdict"] == "nothing_missing" else headline(diagnosis)
+    said = diagnosis["verdict"] == "nothing_missing" or (
+        diagnosis["verdict"] == "unexplained" and only_untold(diagnosis)
+    )
+    return _error_kept(diagnosis) if said else headline(diagnosis)
 
 
 def effect_phrases(effects: Sequence[Entry]) -> list[str]:

@@ -19,6 +19,7 @@ from hybrid_dynamics.loop_report import rest, words
 from hybrid_dynamics.loop_report.book import FigureBook
 from hybrid_dynamics.loop_report.content import KINDS, Content, Group
 from hybrid_dynamics.loop_report.html import slug
+from hybrid_dynamics.loop_report.meaning import meaning
 from hybrid_dynamics.loop_report.parameter_words import missing, row_words
 
 #: Anchor of the section on what stays open, which the first screen links.
@@ -92,7 +93,7 @@ class Answer(LoopSection):
         return {
             "verdict": d["verdict"],
             "says": words.verdict_words(d),
-            "headline": words.VERDICTS[d["verdict"]],
+            "headline": meaning(d),
             "what": what(d),
             "missing": [_unbroken(line) for line in missing(d, _sizes(self.content), self.content.described)],
             "link": "#" + self.prefix + Effects.name if d["effects"] else "",

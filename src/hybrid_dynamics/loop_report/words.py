@@ -22,12 +22,6 @@ from hybrid_dynamics.loop_report.rest import (
     unproven_shares,
 )
 
-VERDICTS = {
-    "explained": "What the model lacked has been found and added; what is left does not depend on the motion.",
-    "partly_explained": "Part of what the model lacks has been found and added; something remains.",
-    "unexplained": "Something is missing that no effect looked for explains; nothing was added.",
-    "nothing_missing": "What the model leaves does not depend on the motion.",
-}
 #: What stays open where nothing that is left depends on the motion, by the state of the joint.
 _BESIDE = {
     ABOVE: "the held-out error is above the noise, and these runs show no cause",

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hybrid_dynamics.loop.diagnosis import Diagnosis
+from hybrid_dynamics.loop_report.meaning import meaning
 from hybrid_dynamics.loop_report.parameter_words import missing
 from hybrid_dynamics.loop_report.rest import final_errors, state_of
 from hybrid_dynamics.loop_report.words import (
-    VERDICTS,
     capital,
     certainty,
     gains,
@@ -40,7 +40,7 @@ def model_card(
         f"Inverse dynamics of **{diagnosis.robot}** ({len(diagnosis.joints)} joints): rigid body plus "
         f"{len(diagnosis.confirmed)} named effects. Data: {provenance}.",
         "",
-        f"**{capital(diagnosis.verdict.replace('_', ' '))}.** {VERDICTS[diagnosis.verdict]}",
+        f"**{capital(diagnosis.verdict.replace('_', ' '))}.** {meaning(d)}",
         "",
         *(f"- {phrase}" for phrase in missing(d)),
         "",
