@@ -53,10 +53,10 @@ def test_what_cannot_be_told_is_not_told_as_missing():
     assert headline(value).startswith(f"{rest}; held-out error")
     value |= {"not_identifiable": [], "unexplained": [{"joint": "a", "share_of_residual_variance": 0.2}]}
     value |= {"cannot_tell": [True, False], "motion_dependent": [False, False]}
-    assert verdict_line(value).endswith("whether an effect is missing on a these runs cannot tell")
+    assert verdict_line(value).endswith("nothing was added; these runs cannot tell whether anything is missing on a")
     value |= {"effects": [*named, effect("armature", ["b"], ("armature", 0.2, "kg m²"))], "verdict": "partly_explained"}
     assert headline(value).startswith("missing, as far as can be told: payload 1.47 kg; ")
-    assert verdict_line(value).endswith("has been added; whether more is missing on a these runs cannot tell")
+    assert verdict_line(value).endswith("has been added; these runs cannot tell whether more is missing on a")
     # The control: what surely remains, on any joint, is told as that.
     value["motion_dependent"] = [True, False]
     assert headline(value).startswith("missing, and not all: ")
@@ -65,6 +65,10 @@ def test_what_cannot_be_told_is_not_told_as_missing():
     assert verdict_line(value).endswith("something remains")
     value |= {"worse_on_test": [False, False], "beyond_friction": [0.3, 0.0]}
     assert verdict_line(value).endswith("something remains")
+    value |= {"beyond_friction": [0.0, 0.0], "better_with_everything": [True, False]}
+    assert verdict_line(value).endswith("something remains")
+    value |= {"better_with_everything": [False, False], "provenance": {"command": {"model": "model.json"}}}
+    assert verdict_line(value).endswith("these runs cannot tell whether more has changed on a")
 
 
 def test_words_for_every_verdict():

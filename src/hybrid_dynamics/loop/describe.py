@@ -149,6 +149,7 @@ def describe_result(
         "unproven_share": floor.unproven.tolist(),
         "worse_on_test": [bool(v) for v in carried.worse],
         "beyond_friction": standing.rms.tolist(),
+        "better_with_everything": [bool(v) for v in rival.better],
         "untested": [bool(v) for v in logs.untested],
         "autocorrelation": floor.autocorrelation.tolist(),
         "extrapolation": outside,

@@ -43,8 +43,7 @@ from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.signs import choose_signs
 from hybrid_dynamics.loop.slow_sign import slow_signs
 from hybrid_dynamics.loop.trace import LEFT, Judge, elsewhere, same_place
-from hybrid_dynamics.loop.wandering import notes_of as notes_on_wandering
-from hybrid_dynamics.loop.wandering import wandering
+from hybrid_dynamics.loop.wandering import without_wandering
 from hybrid_dynamics.loop.weighing import as_left, lower_floor, weighed_by
 from hybrid_dynamics.loop.widen import widened
 
@@ -103,7 +102,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
     judge, chosen = _drop_guesses(judge, chosen)
     for left in reversed(range(1 + MOST_RETURNS)):
         judge, chosen, common, further = _surely(judge, chosen, candidates, looked, report)
-        sifted = _sifted(judge, chosen, candidates, common, looked, report, given)
+        sifted = _sifted(judge, chosen, candidates, common, looked, report)
         steps += [*further, *sifted.steps]
         judge, chosen = sifted.judge.adding(given), [*given, *(t for t in sifted.terms if t not in given)]
         there, names, beside = known_and_beside(judge, chosen, candidates, sifted.unsure, given)
@@ -117,23 +116,22 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         steps += further
     there, nearer = links_nearer(there, names, beside)
     joints = judge.evidence.robot.joint_names
-    notes = [*notes_of(sifted.unknown, joints), *notes_on_wandering(sifted.wandering, joints)]
-    notes += [*notes_on(taken_back(chosen, names), joints), *nearer]
+    notes = [*notes_of(sifted.unknown, joints), *notes_on(taken_back(chosen, names), joints), *nearer]
+    there, names, beside, astray = without_wandering(there, names, beside, given)
+    notes += astray
     return Found(names, refit(there.evidence, names).x, [], steps, notes, there, start, beside, instead=end.instead)
 
 
 @dataclass(frozen=True)
 class _Sifted:
     """``terms`` that are there, ``judge`` there and the ``steps``; ``unsure``: what every joint has, too unsure to be
-    named; ``candidates`` without what cannot be; ``unknown``: couplings whose partner is open, with who it could be;
-    ``wandering``: what runs surely lack, with their names."""
+    named; ``candidates`` without what cannot be; ``unknown``: couplings whose partner is open, with who it could be."""
 
     judge: Judge
     terms: list[Term]
     unsure: list[Term]
     candidates: list[Term]
     unknown: dict[Term, list[str]]
-    wandering: dict[Term, list[str]]
     steps: list[Step]
 
 
@@ -144,10 +142,8 @@ def _sifted(
     common: Collection[str],
     looked: int,
     report: Callable[[Step], None],
-    given: Collection[Term] = (),
 ) -> _Sifted:
-    """``chosen``, that a search surely found, completed by what every joint has, in fewest and plainest causes; what is
-    ``given`` stays."""
+    """``chosen``, that a search surely found, completed by what every joint has, in fewest and plainest causes."""
     judge, chosen = links_for_gain(judge, chosen)
     judge, chosen = complete(judge, chosen, candidates, common)
     judge, kept = without_noise(judge, chosen)
@@ -172,16 +168,15 @@ def _sifted(
         steps += further
     if chosen != bodies:
         judge, chosen = without_noise(judge, chosen, sure=True)
-    unknown, astray = partner_open(judge, chosen), wandering(judge, chosen, given)
+    unknown = partner_open(judge, chosen)
     others = list(candidates)
-    if lost := [*impossible(judge, chosen), *balanced(judge, chosen), *unknown, *astray]:
+    if lost := [*impossible(judge, chosen), *balanced(judge, chosen), *unknown]:
         # It could be when it was named, and no longer can beside what came in since.
         rest = [t for t in chosen if t not in lost]
         others = elsewhere(candidates, lost)
         judge, chosen = without_noise(*complete(judge, rest, others, common))
     judge, chosen = with_rest(*one_for_two(judge, chosen))
-    unsure += [t for t in astray if t.family().everywhere and t not in unsure]
-    return _Sifted(judge, chosen, unsure, others, unknown, astray, steps)
+    return _Sifted(judge, chosen, unsure, others, unknown, steps)
 
 
 def _missed(judge: Judge, chosen: Sequence[Term], names: Sequence[Term], beside: Sequence[Term]) -> list[Term]:

@@ -64,7 +64,7 @@ def inconsistent(
         fits = []
         for r in range(runs):
             mine = evidence.blocks.run == r
-            own, covariance, gain = fit_alone(evidence, terms, x, term, start, mine)
+            own, covariance, gain = fit_alone(evidence, terms, x, np.arange(start, start + term.size), mine)
             fits.append((own, covariance, gain))
         if term not in inconsistent and not any(judge.matters(term, gain, 1.0) for _, _, gain in fits):
             continue
@@ -97,28 +97,27 @@ def inconsistent(
 
 
 def fit_alone(
-    evidence: Evidence, terms: Sequence[Term], x: Array, term: Term, start: int, blocks: NDArray[np.bool_]
+    evidence: Evidence, terms: Sequence[Term], x: Array, own: NDArray[np.int_], blocks: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
-    """Coordinates of ``term`` on ``blocks`` with all others held at ``x``; covariance; gain (n,) [N m]^2."""
+    """The coordinates ``own`` (rising numbers) on ``blocks`` with all others of ``terms`` held at ``x``; covariance;
+    gain (n,) [N m]^2."""
     layout = evidence.layout(terms)
-    size = term.size
-    own = slice(start, start + size)
-    prior = 1.0 / term.prior_scale(evidence.robot) ** 2
+    prior = 1.0 / np.concatenate([t.prior_scale(evidence.robot) for t in layout.terms])[own] ** 2
     a, b = np.diag(prior), x[own] * prior
     grams = []
     for j, (position, column) in enumerate(evidence.indices(layout)):
         gram = evidence.gram[j]
-        mine = np.flatnonzero((position >= start) & (position < start + size))
+        mine = np.flatnonzero(np.isin(position, own))
         others = np.setdiff1d(np.arange(len(position)), mine)
         taken = gram.pick(column[mine], column[others], blocks) @ x[position[others]]
         cross = gram.last[blocks][:, column[mine]] - taken
         square = gram.pick(column[mine], column[mine], blocks)
-        at = position[mine] - start
+        at = np.searchsorted(own, position[mine])
         a[np.ix_(at, at)] += evidence.weights[j] * square.sum(axis=0)
         b[at] += evidence.weights[j] * cross.sum(axis=0)
         grams.append((at, square, cross))
     solution = np.asarray(np.linalg.solve(a, b))
-    scores = np.zeros((int(blocks.sum()), size))
+    scores = np.zeros((int(blocks.sum()), len(own)))
     for j, (at, square, cross) in enumerate(grams):
         scores[:, at] += evidence.weights[j] * (cross - square @ solution[at])
     bread = np.linalg.inv(a)

@@ -150,7 +150,7 @@ def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:
     """The least sure of the terms of ``effects``, found on ``robot``, of which nothing is known: every parameter that
     makes torque lies within its standard error of what it is without, the only one of what not every joint has within
     two of them. No body of ten: in few poses only sums of its numbers are known."""
-    asked = {t: (e, amounts_of(e)) for t, e in effects.items() if not t.family().is_body}
+    asked = {t: (e, _amounts(e)) for t, e in effects.items() if not t.family().is_body}
     rare = {t: len(amounts) == 1 and not t.family().everywhere for t, (_, amounts) in asked.items()}
     least = {t: OF_ONE if rare[t] else OF_SEVERAL for t in asked}
     sizes = {t: published_in_errors(t, e, robot, amounts) / least[t] for t, (e, amounts) in asked.items()}
@@ -158,7 +158,7 @@ def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:
     return min(nothing, key=lambda t: (sizes[t], repr(t)), default=None)
 
 
-def amounts_of(effect: Effect) -> list[str]:
+def _amounts(effect: Effect) -> list[str]:
     """The parameters of ``effect`` that say how much there is: a ripple whose length is known to a thousandth may be
     none, and a spring rests somewhere."""
     kind = family(effect.effect)
@@ -173,7 +173,7 @@ def published_in_errors(term: Term, effect: Effect, robot: Robot, names: Collect
     Some families publish what there is in all: a gain of one, the mass of the link, the angles of a base that the
     starting model has tilted.
     """
-    without = without_effect(term, robot)
+    without = _without(term, robot)
     errors = effect.std_errors
     sizes = [
         abs(effect.parameters[n] - without.get(n, 0.0)) / errors[n] if errors.get(n) else np.inf
@@ -182,7 +182,7 @@ def published_in_errors(term: Term, effect: Effect, robot: Robot, names: Collect
     return max(sizes, default=0.0)
 
 
-def without_effect(term: Term, robot: Robot) -> dict[str, float]:
+def _without(term: Term, robot: Robot) -> dict[str, float]:
     """What the parameters of ``term`` are where nothing is found; a speed or a place that is none there is zero."""
     refined = {r.name for r in term.family().nonlinear_settings}
     with np.errstate(all="ignore"):

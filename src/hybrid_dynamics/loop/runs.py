@@ -47,8 +47,8 @@ def groups_of(evidence: Evidence, current: Sequence[Term], term: Term) -> list[l
         return [[name] for name in names]
     terms = [*(t for t in current if t != term), term]
     layout = evidence.layout(terms)
-    x, start = evidence.fit(terms), layout.starts[-1]
-    asked = [fit_alone(evidence, terms, x, term, start, evidence.blocks.run == r)[0] for r in range(len(names))]
+    x, own = evidence.fit(terms), np.arange(layout.starts[-1], layout.total)
+    asked = [fit_alone(evidence, terms, x, own, evidence.blocks.run == r)[0] for r in range(len(names))]
     away = (np.array(asked) - np.mean(asked, axis=0)) / term.prior_scale(evidence.robot)
     along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
     return [
@@ -141,6 +141,6 @@ def pool(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term], Array]
     everything = np.ones(len(evidence.blocks.rows), bool)
     for term in wholes_of(terms):
         start = evidence.layout(merged).starts[merged.index(term)]
-        solution, _, _ = fit_alone(evidence, merged, out, term, start, everything)
-        out[start : start + term.size] = solution
+        own = np.arange(start, start + term.size)
+        out[own], _, _ = fit_alone(evidence, merged, out, own, everything)
     return judge.over(evidence), merged, out

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from hybrid_dynamics.loop.describe import SILENT
 from hybrid_dynamics.loop_report.rest import Diagnosis, beyond_friction, flags
+from hybrid_dynamics.loop_report.words import asked
 
 VERDICTS = {
     "explained": "What the model lacked has been found and added; what is left does not depend on the motion.",
@@ -12,6 +14,8 @@ VERDICTS = {
 }
 #: How a sentence begins that goes on with what cannot be told.
 _ADDED = {"partly_explained": "What was found has been added", "unexplained": "Nothing was added"}
+#: By these something surely remains on a joint.
+_SURELY = ("motion_dependent", "worse_on_test", "better_with_everything")
 
 
 def meaning(d: Diagnosis) -> str:
@@ -27,23 +31,13 @@ def only_untold(d: Diagnosis) -> bool:
 
 def _untold(d: Diagnosis) -> list[str]:
     """Why these runs cannot tell whether all is clear; nothing where it is, or where something surely remains."""
-    joints = list(d["joints"])
-    surely = [flags(d, key) for key in ("motion_dependent", "worse_on_test")]
-    held = beyond_friction(d)
-    doubted = {
-        joint
-        for j, joint in enumerate(joints)
-        if flags(d, "cannot_tell")[j] and joint not in held and not any(flag[j] for flag in surely)
-    }
-    if d["verdict"] not in _ADDED or {entry["joint"] for entry in d["unexplained"]} - doubted:
+    joints, doubts, held = list(d["joints"]), flags(d, "cannot_tell"), beyond_friction(d)
+    sure = {joint for key in _SURELY for joint, flag in zip(joints, flags(d, key), strict=True) if flag}
+    doubted = [joint for joint, doubt in zip(joints, doubts, strict=True) if doubt and joint not in {*sure, *held}]
+    if d["verdict"] not in _ADDED or {entry["joint"] for entry in d["unexplained"]} - {*doubted}:
         return []
-    more = "more" if d["verdict"] == "partly_explained" else "an effect"
-    silent = [e["joint"] for e in d.get("not_identifiable", ()) if "torque never changes" in e["why"]]
-    out = []
-    if doubted:
-        out.append(
-            f"whether {more} is missing on {', '.join(j for j in joints if j in doubted)} these runs cannot tell"
-        )
-    if silent:
-        out.append(f"nothing is known of {', '.join(silent)}: the torque there never changes")
-    return out
+    more = "more" if d["verdict"] == "partly_explained" else "anything"
+    what = f"{more} has changed" if asked(d) else f"{more} is missing"
+    silent = [entry["joint"] for entry in d.get("not_identifiable", ()) if entry["why"].startswith(SILENT)]
+    out = [f"these runs cannot tell whether {what} on {', '.join(doubted)}"] if doubted else []
+    return out + ([f"nothing is known of {', '.join(silent)}: the torque there never changes"] if silent else [])
