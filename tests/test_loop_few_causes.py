@@ -12,7 +12,7 @@ from hybrid_dynamics.effects import Effect, State, Term, family, predict
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
 from hybrid_dynamics.effects.sign import AT_REST
 from hybrid_dynamics.loop import LoopSettings, Model
-from hybrid_dynamics.loop.alternatives import _several_for_one
+from hybrid_dynamics.loop.alternatives import _Named, _several_for_one
 from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.further import merge_forms, reshaped, simplify_bodies
@@ -152,16 +152,22 @@ def test_where_no_rest_tells_the_middle_of_what_may_hold_a_joint_is_said(seed: i
     assert with_rest(judge.adding([UNEVEN]), [UNEVEN])[1] == [UNEVEN]
 
 
+def _alone(judge: Judge, term: Term) -> _Named:
+    """``term`` as the only name."""
+    judge = judge.adding([term]).at([term])
+    return _Named(judge, [term], [], {}, judge.evidence.held([term]))
+
+
 def test_only_plain_effects_of_one_joint_are_listed_for_what_they_make_together() -> None:
     judge, _ = _judged(_friction(1.5, 0.5))
-    (entry,) = _several_for_one(judge.at([UNEVEN]), [UNEVEN], UNEVEN)
+    (entry,) = _several_for_one(_alone(judge, UNEVEN), UNEVEN)
     assert [(e["effect"], e["joints"]) for e in entry["effects"]] == [(t.effect, [ELBOW]) for t in (DRY, OFFSET)]
     # What has a parameter to refine, or acts on two joints, is asked elsewhere.
     moving = np.ones(2, bool)
     for name in ("nonlinear_viscous_friction", "joint_coupling"):
         term = family(name).terms(ROBOT, moving, judge.settings.options)[0]
         assert any(len(alike.effects) > 1 for alike in term.family().equivalent_to)
-        assert _several_for_one(judge.adding([term]), [term], term) == []
+        assert _several_for_one(_alone(judge, term), term) == []
 
 
 def test_what_the_starting_model_has_of_them_stays_and_its_place_in_the_list_too() -> None:

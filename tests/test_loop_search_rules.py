@@ -247,10 +247,27 @@ def test_what_stands_for_another_costs_a_share_of_what_is_left_with_it() -> None
     """The noise is of two floors: an error that grows by 0.08 of a squared floor grows by a fiftieth."""
     told = {frozenset([VISCOUS]): 2.0 * NOISE, frozenset([CURVED]): 2.0 * NOISE + np.sqrt(0.08) * LARGE}
     judge = told_judge(told)
-    named = _Named(judge, [VISCOUS], {}, judge.evidence.held([VISCOUS]))
+    named = _Named(judge, [VISCOUS], [], {}, judge.evidence.held([VISCOUS]))
     growth = named.as_good(judge.evidence.held([CURVED]))
     assert growth is not None
     assert growth == pytest.approx([0.02])
+
+
+def test_what_would_stand_in_the_place_of_a_name_stands_beside_what_is_estimated_beside_it() -> None:
+    """Judged without it a name leaves much, and what takes up a part of that looks better than the name."""
+    dry, wet = ("coulomb_friction", "coulomb_torque"), ("viscous_friction", "viscous_coefficient")
+    hidden = [Effect(effect, (ELBOW,), {key: value}) for (effect, key), value in ((dry, 0.4), (wet, 2.5))]
+    judge, terms = judged(hidden, 0.1)
+    name, beside = (effect.term(judge.evidence.robot) for effect in hidden)
+    judge = judge.adding([name, beside]).at([name, beside])
+
+    def listed(*held: Term) -> set[str]:
+        entries = indistinguishable(judge, [name], terms, beside=held)[name]
+        return {effect["effect"] for entry in entries for effect in entry["effects"]}
+
+    assert "viscous_friction" not in listed(beside)
+    # The control: with nothing beside, the larger part of the friction is a better name than the smaller.
+    assert "viscous_friction" in listed()
 
 
 def test_every_step_that_is_told_is_a_step_of_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:

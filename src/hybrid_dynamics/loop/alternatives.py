@@ -33,12 +33,18 @@ MORE = 5.0
 
 @dataclass(frozen=True)
 class _Named:
-    """What is named, at its linearisation: ``terms``, how much others can make of each, their held-out prediction."""
+    """What is named, at its linearisation: ``terms``, what is estimated ``beside`` them, how much others can make of
+    each name, and the held-out prediction of all."""
 
     judge: Judge
     terms: Sequence[Term]
+    beside: Sequence[Term]
     likeness: dict[Term, Likeness]
     full: Held
+
+    def without(self, *terms: Term) -> list[Term]:
+        """All but these."""
+        return [t for t in (*self.terms, *self.beside) if t not in terms]
 
     def as_good(self, held: Held) -> Array | None:
         """Growth of the held-out mean square of each joint (n,), as a share, where ``held`` is as good; else None.
@@ -59,7 +65,11 @@ class _Named:
 
 
 def indistinguishable(
-    judge: Judge, terms: Sequence[Term], candidates: Sequence[Term], instead: Sequence[Term] = ()
+    judge: Judge,
+    terms: Sequence[Term],
+    candidates: Sequence[Term],
+    instead: Sequence[Term] = (),
+    beside: Sequence[Term] = (),
 ) -> dict[Term, list[dict[str, Any]]]:
     """What would explain as much in the place of each term (one candidate, or two together), or one cause in the place
     of several terms: why, and the remedy.
@@ -67,26 +77,30 @@ def indistinguishable(
     Also asked are the further families on the same joints, which the search asks only where something is left: a gain
     of a joint that carries little is its friction but for a remainder. One that has more numbers than the term must
     predict better by a standard error, or every offset would be a spring, too. ``instead``: another end of the search,
-    with gains of single joints, which all links may stand for.
+    with gains of single joints, which all links may stand for. ``beside``: what is estimated beside the names, and
+    beside what would stand in their place; without it a name may predict parts of a run so badly that anything does
+    as well.
     """
-    forms = {term: _other_forms(judge, terms, term) for term in terms}
+    model = [*terms, *beside]
+    forms = {term: _other_forms(judge, model, term) for term in terms}
     asked = judge
-    judge, further = further_beside(judge, terms)
+    judge, further = further_beside(judge, terms, beside)
     evidence = judge.evidence
-    x, layout = evidence.fit(terms), evidence.layout(terms)
+    x, layout = evidence.fit(model), evidence.layout(model)
     likeness = {
         term: Likeness(evidence, term, x[start : start + term.size])
         for term, start in zip(layout.terms, layout.starts, strict=True)
+        if term in terms
     }
-    named = _Named(judge, terms, likeness, evidence.held(terms, evidence.constrained(terms)))
+    named = _Named(judge, terms, beside, likeness, evidence.held(model, evidence.constrained(model)))
     free, rarer = (
         [c for c in offered if not any(same_place(c, s) or covers(s, c) for s in terms)]
         for offered in (candidates, further)
     )
     together = _one_cause(named, free, rarer)
     out: dict[Term, list[dict[str, Any]]] = {}
-    for term in layout.terms:
-        declared = [*_one_for_several(judge, terms, term), *_several_for_one(judge, terms, term)]
+    for term in terms:
+        declared = [*_one_for_several(named, term), *_several_for_one(named, term)]
         # What stands for several names says more than that it stands for this one.
         told = {_key(entry) for entry in (*declared, *together[term])}
         alone = [entry for entry in _in_place_of(named, term, free, rarer) if _key(entry) not in told]
@@ -96,8 +110,8 @@ def indistinguishable(
             why = f"structurally the same: {own.why}"
             same = _as_declared(evidence, twin.effect, twin.joint, why, own)
             listed = [same, *(entry for entry in listed if _key(entry) != _key(same))]
-        listed += [e for e in _with_unseen_rest(judge, terms, term) if all(_key(e) != _key(other) for other in listed)]
-        gain = gain_instead(judge, terms, x) if term.family().all_links else None
+        listed += [e for e in _with_unseen_rest(judge, model, term) if all(_key(e) != _key(other) for other in listed)]
+        gain = gain_instead(judge, model, x) if term.family().all_links else None
         # A gain that stands for these and others together is told already.
         if gain is not None and not any(_key(entry) == {(gain.effect,)} for entry in listed):
             known = _declared(gain, term.effect)
@@ -116,7 +130,7 @@ def _in_place_of(named: _Named, term: Term, free: Sequence[Term], rarer: Sequenc
     """One of ``free`` or of the further families ``rarer``, or two of ``free`` together, in the place of ``term``."""
     judge = named.judge
     evidence, likeness = judge.evidence, named.likeness[term]
-    rest = [s for s in named.terms if s != term]
+    rest = named.without(term)
     active = evidence.constrained(rest)
     found: dict[frozenset[Place], tuple[float, dict[str, Any]]] = {}
     tried: set[frozenset[Place]] = set()
@@ -171,7 +185,7 @@ def _one_cause(named: _Named, free: Sequence[Term], rarer: Sequence[Term]) -> di
         own = [t for t in named.terms if reading or named.likeness[t].share(cause) >= LIKENESS]
         if len(own) < 2:
             continue
-        rest = [t for t in named.terms if t not in own]
+        rest = named.without(*own)
         held = evidence.held([*rest, cause], evidence.constrained([*rest, cause]))
         growth = named.as_good(held)
         if growth is None or cause in impossible(judge, [*rest, cause]):
@@ -246,8 +260,9 @@ def _with_unseen_rest(judge: Judge, terms: Sequence[Term], term: Term) -> list[d
     return out
 
 
-def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[str, Any]]:
+def _one_for_several(named: _Named, term: Term) -> list[dict[str, Any]]:
     """Families that say of themselves that ``term`` and others of its joint make their torque, where those do."""
+    judge, terms = named.judge, named.terms
     settings = judge.settings
     out = []
     here = np.arange(judge.evidence.n) == term.joint
@@ -260,19 +275,20 @@ def _one_for_several(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
             offered = kind.terms(judge.evidence.robot, here, settings.options)
             judge = judge.adding(offered)
             evidence = judge.evidence
-            full, rest = evidence.held(terms, physical=True), [t for t in terms if t not in together]
+            full, rest = evidence.held(named.without(), physical=True), named.without(*together)
             if any(judge.as_good(evidence.held([*rest, c], physical=True), full) for c in offered):
                 why = f"{INSTEAD}{' and '.join(known.effects)}: {known.why}"
                 out.append(_as_declared(evidence, name, term.joint, why, known))
     return out
 
 
-def _several_for_one(judge: Judge, terms: Sequence[Term], term: Term) -> list[dict[str, Any]]:
+def _several_for_one(named: _Named, term: Term) -> list[dict[str, Any]]:
     """Plain effects of its joint that the family of ``term`` says make its torque together, where those do."""
+    judge = named.judge
     out: list[dict[str, Any]] = []
     if term.joint is None or judge.evidence.acts(term).sum() != 1:
         return out
-    rest = [t for t in terms if t != term]
+    rest = named.without(term)
     for known in term.family().equivalent_to:
         # Others have parameters to refine, or further joints.
         if len(known.effects) < 2 or not all(family(name).everywhere for name in known.effects):
@@ -280,11 +296,11 @@ def _several_for_one(judge: Judge, terms: Sequence[Term], term: Term) -> list[di
         # With the settings that they share: a sign that turns over as that of ``term`` does.
         shared = [tuple(s for s in term.settings if s[0] in family(name).known_settings) for name in known.effects]
         group = [Term(name, term.joint, own) for name, own in zip(known.effects, shared, strict=True)]
-        if any(same_place(c, t) for c in group for t in rest):
+        if any(same_place(c, t) for c in group for t in named.terms if t != term):
             continue
         offered = judge.adding(group)
         held = offered.evidence.held
-        if offered.as_good(held([*rest, *group], physical=True), held(terms, physical=True)):
+        if offered.as_good(held([*rest, *group], physical=True), held(named.without(), physical=True)):
             out.append(_entry(offered.evidence, group, known.why, _remedy(known)))
     return out
 

@@ -55,7 +55,7 @@ def describe_result(
 ) -> tuple[Diagnosis, list[Model]]:
     """The diagnosis and the model after each effect; ``notes`` are what the earlier steps told."""
     robot, evidence = base.robot, judge.evidence
-    alternatives = indistinguishable(judge, found.terms, terms, found.instead)
+    alternatives = indistinguishable(judge, found.terms, terms, found.instead, found.beside)
     # Nothing else turns an arm onto a wall: what could stand for the rest of such a tilt says nothing.
     alternatives |= {term: [] for term in turned_by(found.start, evidence.base)}
     disagreeing = inconsistent(judge, found.terms, found.x, found.inconsistent)

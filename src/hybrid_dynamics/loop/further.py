@@ -103,9 +103,9 @@ def _askable(evidence: Evidence, terms: Sequence[Term]) -> list[Term]:
     return [s for s in seen if timed or not s.family().follows_time]
 
 
-def further_beside(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Term]]:
-    """The judge at ``terms``, who has their columns, and terms of the further families on the joints that ``terms``
-    name, and of all joints together.
+def further_beside(judge: Judge, terms: Sequence[Term], beside: Sequence[Term] = ()) -> tuple[Judge, list[Term]]:
+    """The judge at ``terms`` and what stands ``beside`` them, who has their columns, and terms of the further families
+    on the joints that ``terms`` name, and of all joints together.
 
     Also where nothing is left: what is named may stand for one of them and leave little.
     """
@@ -118,7 +118,7 @@ def further_beside(judge: Judge, terms: Sequence[Term]) -> tuple[Judge, list[Ter
     # What all joints have together may stand behind a body and one joint's name, too.
     asked = [t for t in asked if t.joint is None or t.joint in named]
     own = _askable(evidence, asked)
-    return judge.adding(own).at(terms), own
+    return judge.adding(own).at([*terms, *beside]), own
 
 
 def _alike(term: Term, name: str) -> bool:
