@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hybrid_dynamics.loop.solve import Constraints, solve
@@ -35,6 +35,7 @@ def bounds(count: int, friction: Sequence[int]) -> Array:
     return lower
 
 
+@example(seed=0, bounded=True, cones=True)
 @given(seed=st.integers(0, 10_000), bounded=st.booleans(), cones=st.booleans())
 @settings(max_examples=40)
 def test_what_a_part_of_a_log_leaves_open_is_small_there_and_does_not_turn_on_others(seed, bounded, cones):

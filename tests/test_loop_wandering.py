@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.small_arm import arm, noisy_log
 
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, Term, predict
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.prepare import gather, read_motion
@@ -127,3 +127,18 @@ def test_the_loop_does_not_name_it_and_says_why_once() -> None:
     assert [(e.effect.effect, e.effect.joints) for e in diagnosis.effects] == [("coulomb_friction", (FIRST,))]
     assert sum("train_2 0.6" in note for note in diagnosis.notes) == 1
     assert diagnosis.verdict != "explained"
+
+
+def test_a_run_in_which_the_joint_turns_one_way_tells_no_friction_from_an_offset() -> None:
+    """There they are one column: of neither it says how much, and it is solved all the same."""
+    time = np.arange(4000) / 200.0
+    q = np.stack([0.6 * time - 0.3 * np.cos(time), 0.4 * np.sin(1.3 * time)], axis=1)
+    dq, rng = np.gradient(q, time, axis=0), np.random.default_rng(3)
+    tau = predict(ROBOT, [coulomb(1.0), offset(-1.4)], q, dq, np.gradient(dq, time, axis=0), time)
+    one_way = Trajectory("one_way", "train", time, {"q": q, "dq": dq, "tau": tau + NOISE * rng.normal(size=tau.shape)})
+    train = [*(log([coulomb(1.0), offset(0.9)], seed) for seed in (1, 2)), one_way]
+    assert lacked(train, [coulomb(1.0), offset(0.9)]) == {}
+    # The control: with no friction beside it, the constant of that run is known.
+    judge, (_, constant) = judged(train, [coulomb(1.0), offset(0.9)])
+    fitted = refit(judge.evidence, [constant])
+    assert wandering(judge.over(fitted.evidence), [constant], fitted.x, [constant])

@@ -42,9 +42,10 @@ class _Named:
     likeness: dict[Term, Likeness]
     full: Held
 
-    def without(self, *terms: Term) -> list[Term]:
-        """All but these."""
-        return [t for t in (*self.terms, *self.beside) if t not in terms]
+    def without(self, *terms: Term, put: Sequence[Term] = ()) -> list[Term]:
+        """All but these, and but what stood beside at a place of what is ``put`` in their place."""
+        beside = [t for t in self.beside if not any(same_place(t.as_finding, c) for c in put)]
+        return [t for t in (*self.terms, *beside) if t not in terms]
 
     def as_good(self, held: Held) -> Array | None:
         """Growth of the held-out mean square of each joint (n,), as a share, where ``held`` is as good; else None.
@@ -151,7 +152,7 @@ def _in_place_of(named: _Named, term: Term, free: Sequence[Term], rarer: Sequenc
         # What is not alike can be the better cause all the same: of those that are rarely looked at that counts.
         if not alike and not (rare and group[0].joint == term.joint):
             continue
-        held = evidence.held([*rest, *group], active)
+        held = evidence.held([*named.without(term, put=group), *group], active)
         gain = judge.gain(held, named.full)
         dearer = judge.price(*group) > judge.price(term)
         if rare and not part and (dearer or not alike) and gain.total <= (gain.error if dearer else 0.0):
@@ -185,7 +186,7 @@ def _one_cause(named: _Named, free: Sequence[Term], rarer: Sequence[Term]) -> di
         own = [t for t in named.terms if reading or named.likeness[t].share(cause) >= LIKENESS]
         if len(own) < 2:
             continue
-        rest = named.without(*own)
+        rest = named.without(*own, put=[cause])
         held = evidence.held([*rest, cause], evidence.constrained([*rest, cause]))
         growth = named.as_good(held)
         if growth is None or cause in impossible(judge, [*rest, cause]):
@@ -288,7 +289,7 @@ def _several_for_one(named: _Named, term: Term) -> list[dict[str, Any]]:
     out: list[dict[str, Any]] = []
     if term.joint is None or judge.evidence.acts(term).sum() != 1:
         return out
-    rest = named.without(term)
+    full = named.without()
     for known in term.family().equivalent_to:
         # Others have parameters to refine, or further joints.
         if len(known.effects) < 2 or not all(family(name).everywhere for name in known.effects):
@@ -300,7 +301,8 @@ def _several_for_one(named: _Named, term: Term) -> list[dict[str, Any]]:
             continue
         offered = judge.adding(group)
         held = offered.evidence.held
-        if offered.as_good(held([*rest, *group], physical=True), held(named.without(), physical=True)):
+        trial = [*named.without(term, put=group), *group]
+        if offered.as_good(held(trial, physical=True), held(full, physical=True)):
             out.append(_entry(offered.evidence, group, known.why, _remedy(known)))
     return out
 

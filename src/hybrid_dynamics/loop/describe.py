@@ -13,6 +13,7 @@ from hybrid_dynamics.effects.inertial_parameters import LINKS
 from hybrid_dynamics.effects.together import added_up
 from hybrid_dynamics.effects.units import unit_of
 from hybrid_dynamics.loop.alternatives import indistinguishable
+from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.carried import Carried
 from hybrid_dynamics.loop.confirm import Confirmation, TestChange
 from hybrid_dynamics.loop.diagnosis import Diagnosis, errors_of, moving_rms, rms_in_motion, rounded, verdict_of
@@ -58,7 +59,9 @@ def describe_result(
     alternatives = indistinguishable(judge, found.terms, terms, found.instead, found.beside)
     # Nothing else turns an arm onto a wall: what could stand for the rest of such a tilt says nothing.
     alternatives |= {term: [] for term in turned_by(found.start, evidence.base)}
-    disagreeing = inconsistent(judge, found.terms, found.x, found.inconsistent)
+    beside = [] if found.inconsistent else found.beside
+    x = refit(judge.evidence, [*found.terms, *beside]).x if beside else found.x
+    disagreeing = inconsistent(judge, found.terms, x, found.inconsistent, beside)
     open_parameters = {s: undetermined(evidence, [*found.terms, *found.beside], s) for s in found.terms}
     models = found.steps_to(full)
     rms = [moving_rms(m, logs.test) for m in models]
@@ -98,7 +101,8 @@ def describe_result(
     added = said.model.effects[len(base.effects) :]
     unsure, alike = _beside(added)
     lines += _estimated("beside all links, which can look the same", alike, robot.prismatic)
-    lines += _estimated("beside what is named, too unsure to be named itself", unsure, robot.prismatic)
+    why = "beside what is named, too unsure to be named itself, or another one in every run"
+    lines += _estimated(why, unsure, robot.prismatic)
     lines += [
         f"{g.effect}{_where(robot, g)}: estimated beside what is named, and taken back: with it "
         f"{', '.join(robot.joint_names[j] for j in worse)} ended worse on the test runs than the starting model"

@@ -346,7 +346,8 @@ class Evidence:
                 target[m, own] += size * (STIFF * value * normal + HELD_ALONG * along @ x[m, own])
             # Where the tangent plane lies bodies hardly matter.
             full = physical and last
-            x = solve_all(stiff, target, constraints) if full else solve_bounded(stiff, target, constraints.lower)
+            lower = constraints.lower
+            x = solve_all(stiff, target, constraints, False) if full else solve_bounded(stiff, target, lower)
         return x
 
     def errors(self, terms: Sequence[Term], x: Array, blocks: NDArray[np.bool_] | None = None) -> Array:

@@ -19,6 +19,8 @@ from hybrid_dynamics.types import Array
 
 #: Parameters of two runs that differ by less than this share are the same: drive gains are no better known.
 DIFFERENCE = 0.05
+#: Share of what the samples say that stands for a direction of which they say nothing.
+NOTHING_KNOWN = 1e-12
 #: A coordinate with more than this share in a direction that no sample knows is not known.
 SHARED = 0.01
 
@@ -42,29 +44,29 @@ def undetermined(evidence: Evidence, terms: Sequence[Term], term: Term) -> list[
 
 
 def inconsistent(
-    judge: Judge, terms: Sequence[Term], x: Array, inconsistent: Sequence[Term] = ()
+    judge: Judge, terms: Sequence[Term], x: Array, inconsistent: Sequence[Term] = (), beside: Sequence[Term] = ()
 ) -> dict[Term, list[dict[str, Any]]]:
     """Effects whose parameters differ between training runs by more than uncertainty, fitted run by run.
 
-    ``x`` are the coordinates of all terms. Every effect in turn is fitted to one run alone, the others held; it
-    disagrees where its own parameters lower that run's error by more than one squared floor on enough joints (those of
-    ``inconsistent`` have already been found better with parameters of their own in every run), and a
-    parameter differs by more than three standard errors from the mean of the runs and by more than a few percent of
-    the largest parameter of its unit.
+    ``x`` are the coordinates of all terms and of what stands ``beside`` them. Every effect in turn is fitted to one run
+    alone, the others held; it disagrees where its own parameters lower that run's error by more than one squared floor
+    on enough joints (those of ``inconsistent`` have already been found better with parameters of their own in every
+    run), and a parameter differs by more than three standard errors from the mean of the runs and by more than a few
+    percent of the largest parameter of its unit.
     """
     evidence = judge.evidence
     runs = len(evidence.runs)
     out: dict[Term, list[dict[str, Any]]] = {}
     if runs < 2:
         return out
-    layout = evidence.layout(terms)
-    for term, start in zip(layout.terms, layout.starts, strict=True):
+    layout = evidence.layout([*terms, *beside])
+    for term, start in zip(layout.terms[: len(terms)], layout.starts, strict=False):
         kind = term.family()
         keys = kind.published({k: v for k, v in term.options.items() if k != ONLY_RUN})
         fits = []
         for r in range(runs):
             mine = evidence.blocks.run == r
-            own, covariance, gain = fit_alone(evidence, terms, x, np.arange(start, start + term.size), mine)
+            own, covariance, gain = fit_alone(evidence, layout.terms, x, np.arange(start, start + term.size), mine)
             fits.append((own, covariance, gain))
         if term not in inconsistent and not any(judge.matters(term, gain, 1.0) for _, _, gain in fits):
             continue
@@ -100,7 +102,7 @@ def fit_alone(
     evidence: Evidence, terms: Sequence[Term], x: Array, own: NDArray[np.int_], blocks: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
     """The coordinates ``own`` (rising numbers) on ``blocks`` with all others of ``terms`` held at ``x``; covariance;
-    gain (n,) [N m]^2."""
+    gain (n,) [N m]^2. Along a direction that these blocks leave open ``x`` stays, and nothing is known."""
     layout = evidence.layout(terms)
     prior = 1.0 / np.concatenate([t.prior_scale(evidence.robot) for t in layout.terms])[own] ** 2
     a, b = np.diag(prior), x[own] * prior
@@ -116,13 +118,17 @@ def fit_alone(
         a[np.ix_(at, at)] += evidence.weights[j] * square.sum(axis=0)
         b[at] += evidence.weights[j] * cross.sum(axis=0)
         grams.append((at, square, cross))
-    solution = np.asarray(np.linalg.solve(a, b))
+    unit = 1.0 / np.sqrt(np.diag(a))
+    values, vectors = np.linalg.eigh(a * unit[:, None] * unit)
+    told = values > ONE_DIRECTION
+    known, free = vectors[:, told] * unit[:, None], vectors[:, ~told] * unit[:, None]
+    bread = known / values[told] @ known.T
+    solution = np.asarray(x[own] + bread @ (b - a @ x[own]))
     scores = np.zeros((int(blocks.sum()), len(own)))
     for j, (at, square, cross) in enumerate(grams):
         scores[:, at] += evidence.weights[j] * (cross - square @ solution[at])
-    bread = np.linalg.inv(a)
     count = len(scores)
-    covariance = bread @ (scores.T @ scores) @ bread * count / max(count - 1, 1)
+    covariance = bread @ (scores.T @ scores) @ bread * count / max(count - 1, 1) + free @ free.T / NOTHING_KNOWN
     changed = x.copy()
     changed[own] = solution
     rows = np.maximum(evidence.count[blocks].sum(axis=0), 1)

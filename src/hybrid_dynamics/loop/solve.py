@@ -171,19 +171,19 @@ def solve(a: Array, b: Array, constraints: Constraints) -> Array:
     return np.asarray(solve_all(a[None], b[None], constraints)[0])
 
 
-def solve_all(a: Array, b: Array, constraints: Constraints) -> Array:
-    """:func:`solve` of several problems: ``a`` (m, K, K), ``b`` (m, K), minimisers (m, K)."""
+def solve_all(a: Array, b: Array, constraints: Constraints, closing: bool = True) -> Array:
+    """:func:`solve` of several problems: ``a`` (m, K, K), ``b`` (m, K), minimisers (m, K); not ``closing``: open
+    directions are held already."""
     x = solve_bounded(a, b, constraints.lower) if np.isfinite(constraints.lower).any() else solve_free(a, b)
     if constraints.coupled:
         for m in range(len(x)):
             if not constraints.satisfied(np.maximum(x[m], constraints.lower)):
-                x[m] = _solve_coupled(a[m], b[m], constraints)
+                x[m] = _solve_coupled(_closed(a[m]) if closing else a[m], b[m], constraints)
     return x
 
 
 def _solve_coupled(a: Array, b: Array, constraints: Constraints) -> Array:
     """Minimiser (K,) where coordinates constrain each other; raises RuntimeError where no remedy converges."""
-    a = _closed(a)
     for (ridge, again, margin), farthest in product(TRIES, FARTHEST):
         stiffer = a + ridge * np.diag(np.diag(a)) if ridge else a
         solution = _solve_cones(stiffer, b, constraints, farthest, again, margin)
@@ -193,15 +193,15 @@ def _solve_coupled(a: Array, b: Array, constraints: Constraints) -> Array:
 
 
 def _closed(a: Array) -> Array:
-    """``a`` (K, K), with :data:`RIDGE` along the directions that it leaves open."""
+    """``a`` (K, K), with up to :data:`RIDGE` along the directions that it leaves open, the more open the more."""
     size = np.sqrt(np.maximum(np.diag(a), 1e-300))
     scaled = a / size[:, None] / size
     try:
         np.linalg.cholesky(scaled - OPEN * np.eye(len(a)))
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(scaled)
-        free = vectors[:, values <= OPEN] * size[:, None]
-        return np.asarray(a + RIDGE * free @ free.T)
+        free = vectors * np.sqrt(RIDGE * np.clip(1.0 - values / OPEN, 0.0, 1.0)) * size[:, None]
+        return np.asarray(a + free @ free.T)
     return a
 
 

@@ -6,7 +6,8 @@ not there. So plain friction, an offset or a rotor of which a run surely has les
 it stays in the model, estimated beside the names, and a note tells what these runs say. Friction that is twice as large
 in a cold run is friction in both. (Found on simulated logs of a law of two joints, which the catalogue does not have.)
 
-A run is asked with everything of that joint free, since what one law has more of in it the next one has less of. What
+A run is asked with all free that acts on that joint but bodies, since what one law has more of in it the next one has
+less of; where that leaves open how much, the run contradicts nothing. What
 the starting model has is not asked: of that a change is named, and robots change. Nor are laws of several numbers,
 which have a form of their own, and bodies (:mod:`.runs`).
 """
@@ -31,7 +32,7 @@ from hybrid_dynamics.types import Array
 
 #: A run lacks what it surely has less than this share of; surely: so many standard errors of many blocks.
 LACKING, SURELY = 0.5, 3.0
-#: Of fewer blocks in which the joint moves a run is not asked.
+#: A run is asked where the joint moves in so many blocks more than coordinates are fitted to it.
 FEWEST_BLOCKS = 5
 #: Of a run its name, what it says of a coefficient, and the standard error of that.
 Said = tuple[str, float, float]
@@ -67,7 +68,7 @@ def wandering(
     for term in asked:
         if term.joint is None or not term.family().everywhere or term.size > 1 or evidence.in_base(term):
             continue
-        together = [t for t in terms if t.joint == term.joint and not t.family().is_body]
+        together = [t for t in terms if evidence.acts(t)[term.index] and not t.family().is_body]
         own = np.concatenate([np.arange(starts[t], starts[t] + t.size) for t in together])
         own.sort()
         at, value = int(np.searchsorted(own, starts[term])), float(x[starts[term]])
@@ -75,11 +76,11 @@ def wandering(
         for r, run in enumerate(evidence.runs):
             blocks = evidence.blocks.run == r
             moving = int((evidence.count[blocks, term.index] > 0).sum())
-            if moving < FEWEST_BLOCKS:
+            if moving < len(own) + FEWEST_BLOCKS:
                 continue
             solution, covariance, _ = fit_alone(evidence, terms, x, own, blocks)
             size, error = float(solution[at]), float(np.sqrt(covariance[at, at]))
-            level = float(student.isf(norm.sf(SURELY), moving - 1))
+            level = float(student.isf(norm.sf(SURELY) / len(evidence.runs), moving - len(own)))
             if np.sign(value) * size + level * error < LACKING * abs(value):
                 lacking.append((run.name, size, error))
         if lacking:
@@ -89,7 +90,7 @@ def wandering(
 
 def _note(evidence: Evidence, term: Term, value: float, runs: Sequence[Said]) -> str:
     (effect,) = effects_of(evidence, [term], np.array([value]))
-    (parameter,) = effect.parameters
+    parameter = next(iter(effect.parameters))
     unit = unit_of(effect, parameter, evidence.robot.prismatic)
     said = ", ".join(f"{name} {size:.2g} +- {error:.2g}" for name, size, error in runs)
     joint = evidence.robot.joint_names[term.index]
