@@ -3,13 +3,14 @@
 An offset or friction that fits all runs together may be the mean of a law that nobody offers: -9 N m in one run, 2 in
 another, and in a third -2. Held-out runs are predicted better with it than without, now and then surely, and yet it is
 not there. So plain friction, an offset or a rotor of which a run surely has less than half of what is named is no name:
-it stays in the model, estimated beside the names, and a note tells what these runs say. Friction that is twice as large
-in a cold run is friction in both. (Found on simulated logs of a law of two joints, which the catalogue does not have.)
+it is estimated beside the names, where there are any, and a note tells what these runs say. Friction that is twice as
+large in a cold run is friction in both. (Found on simulated logs of a law of two joints, which the catalogue does not
+have.)
 
 A run is asked with all free that acts on that joint but bodies, since what one law has more of in it the next one has
-less of; where that leaves open how much, the run contradicts nothing. What
-the starting model has is not asked: of that a change is named, and robots change. Nor are laws of several numbers,
-which have a form of their own, and bodies (:mod:`.runs`).
+less of; where that leaves open how much, the run contradicts nothing. What the starting model has is not asked: of that
+a change is named, and robots change. Nor are laws of several numbers, which have a form of their own, and bodies
+(:mod:`.runs`).
 """
 
 from __future__ import annotations
