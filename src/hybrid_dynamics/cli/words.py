@@ -61,10 +61,8 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
         lead = verdict_words(diagnosis) if asked(diagnosis) else "nothing is missing"
         return f"{lead}; {_error_kept(diagnosis)}"
     if not named:
-        untold = only_untold(diagnosis)
-        return (
-            f"{_clause(diagnosis) if untold else 'something is missing, but nothing looked for explains it'}; {error}"
-        )
+        missing = "something is missing, but nothing looked for explains it"
+        return f"{_clause(diagnosis) if only_untold(diagnosis) else missing}; {error}"
     # Asked of an earlier model, what is found is what has changed since: friction may have become less.
     lead = "changed" if asked(diagnosis) else "missing or wrong in the URDF" if described(diagnosis) else "missing"
     far = "" if verdict == "explained" else ", as far as can be told" if only_untold(diagnosis) else ", and not all"
@@ -73,9 +71,8 @@ def headline(diagnosis: Mapping[str, Any]) -> str:
 
 def second_line(diagnosis: Mapping[str, Any]) -> str:
     """The headline behind :func:`verdict_line`, without what that has said already."""
-    said = diagnosis["verdict"] == "nothing_missing" or (
-        diagnosis["verdict"] == "unexplained" and only_untold(diagnosis)
-    )
+    verdict = diagnosis["verdict"]
+    said = verdict == "nothing_missing" or (verdict == "unexplained" and only_untold(diagnosis))
     return _error_kept(diagnosis) if said else headline(diagnosis)
 
 

@@ -118,8 +118,7 @@ def fit_alone(
         a[np.ix_(at, at)] += evidence.weights[j] * square.sum(axis=0)
         b[at] += evidence.weights[j] * cross.sum(axis=0)
         grams.append((at, square, cross))
-    unit = 1.0 / np.sqrt(np.diag(a))
-    values, vectors = np.linalg.eigh(a * unit[:, None] * unit)
+    unit, values, vectors = directions(a)
     told = values > ONE_DIRECTION
     known, free = vectors[:, told] * unit[:, None], vectors[:, ~told] * unit[:, None]
     bread = known / values[told] @ known.T

@@ -44,6 +44,8 @@ def without_wandering(
 ) -> tuple[Judge, list[Term], list[Term], list[str]]:
     """``names`` without what runs surely lack (``fixed`` stays), what is estimated beside them with it, the judge
     there, and a sentence for each of it. Where no name would be left nothing stands beside."""
+    if len(judge.evidence.runs) < 2:
+        return judge, list(names), list(beside), []
     everything = [*names, *beside]
     fitted = refit(judge.evidence, everything)
     gone = wandering(judge.over(fitted.evidence), everything, fitted.x, [t for t in names if t not in fixed])

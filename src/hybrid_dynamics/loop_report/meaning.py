@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hybrid_dynamics.loop.describe import SILENT
-from hybrid_dynamics.loop_report.rest import Diagnosis, beyond_friction, flags
+from hybrid_dynamics.loop_report.rest import SLOW, Diagnosis, flags, state_of
 from hybrid_dynamics.loop_report.words import asked
 
 VERDICTS = {
@@ -14,8 +14,6 @@ VERDICTS = {
 }
 #: How a sentence begins that goes on with what cannot be told.
 _ADDED = {"partly_explained": "What was found has been added", "unexplained": "Nothing was added"}
-#: By these something surely remains on a joint.
-_SURELY = ("motion_dependent", "worse_on_test", "better_with_everything")
 
 
 def meaning(d: Diagnosis) -> str:
@@ -31,9 +29,8 @@ def only_untold(d: Diagnosis) -> bool:
 
 def _untold(d: Diagnosis) -> list[str]:
     """Why these runs cannot tell whether all is clear; nothing where it is, or where something surely remains."""
-    joints, doubts, held = list(d["joints"]), flags(d, "cannot_tell"), beyond_friction(d)
-    sure = {joint for key in _SURELY for joint, flag in zip(joints, flags(d, key), strict=True) if flag}
-    doubted = [joint for joint, doubt in zip(joints, doubts, strict=True) if doubt and joint not in {*sure, *held}]
+    sure = flags(d, "better_with_everything")
+    doubted = [joint for j, joint in enumerate(d["joints"]) if state_of(d, j)[1] == SLOW and not sure[j]]
     if d["verdict"] not in _ADDED or {entry["joint"] for entry in d["unexplained"]} - {*doubted}:
         return []
     more = "more" if d["verdict"] == "partly_explained" else "anything"
