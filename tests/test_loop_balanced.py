@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import pytest
-from tests.small_arm import heavier_links
+from tests.small_arm import heavier_links, noisy_log
 from tests.test_loop_beside import SHOULDER, judged
+from tests.test_loop_known import ELBOW, one_way
+from tests.test_loop_known import judged as judged_of
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.balanced import BEYOND, balanced
+from hybrid_dynamics.loop.balanced import BEYOND, MOST_TORQUE, balanced, undone
+from hybrid_dynamics.loop.find import find
 
 OFFSET = Term("torque_offset", 0)
 FRICTION = Term("coulomb_friction", 0)
@@ -35,3 +38,34 @@ def test_a_true_offset_stays_beside_links_that_are_off_by_themselves(share: floa
     assert balanced(judge, [*chosen, OFFSET, FRICTION]) == []
     x, scale = refit(judge.evidence, [*chosen, OFFSET]).x[:20], chosen[0].prior_scale(judge.evidence.robot)
     assert (abs(x / scale).max() > BEYOND) == (share > 1)
+
+
+def powers(scale: float) -> list[Effect]:
+    """scale v (1 - 10 v)^2: it brakes at every speed, and around .1 rad/s its powers undo each other."""
+    curved = {"quadratic_coefficient": -20.0 * scale, "cubic_coefficient": 100.0 * scale}
+    return [
+        Effect("viscous_friction", (ELBOW,), {"viscous_coefficient": scale}),
+        Effect("nonlinear_viscous_friction", (ELBOW,), curved),
+    ]
+
+
+def test_powers_of_the_speed_that_undo_each_other_many_times_over_are_told() -> None:
+    law = [Term("viscous_friction", 1), Term("nonlinear_viscous_friction", 1)]
+    slow = [one_way(powers(3000.0), seed) for seed in (1, 2)]
+    judge, _ = judged_of(slow, *law, OFFSET)
+    # The trap is there: all there is makes less than a tenth of what one of the powers does.
+    x, size = judge.evidence.fit(law), judge.evidence.problem
+    assert x[0] * 0.1 > 5 * MOST_TORQUE * (size.torque_size[1] + size.base_size[1])
+    # The largest alone goes: without it the other is no more than there is.
+    assert undone(judge, law) == [law[1]]
+    assert undone(judge, law[:1]) == []
+    # What is no friction has no part in it.
+    assert undone(judge, [OFFSET, *law]) == [law[1]]
+    # And a search does not end with them.
+    judge, candidates = judged_of(slow)
+    found = find(judge, candidates, lambda step: None)
+    assert undone(found.judge, found.terms) == []
+    assert all(t.effect != "nonlinear_viscous_friction" for t in found.terms)
+    # Control: the same law where the joint shows all of it, at .1 rad/s and at ten times that.
+    judge, _ = judged_of([noisy_log(powers(1.0), seed, "train", 0.01) for seed in (1, 2)], *law)
+    assert undone(judge, law) == []

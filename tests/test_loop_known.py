@@ -86,6 +86,21 @@ def test_a_fall_with_speed_of_which_nothing_is_known_is_plain_dry_friction(seed:
     assert name.effect == "stribeck_friction"
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_friction_one_way_of_which_the_other_way_is_not_known_is_plain(seed: int) -> None:
+    """What holds both ways to each other makes the one that no row shows as large as the other: no finding."""
+    law = Term("asymmetric_coulomb_friction", 1)
+    judge, candidates = judged([one_way([dry(1.0)], seed + k) for k in (1, 2)], law)
+    names = known_and_beside(judge.at([law]), [law], candidates, [], [])[1]
+    assert [(n.effect, n.joint) for n in names] == [("coulomb_friction", 1)]
+    # Control: where both ways are seen and differ it keeps its name.
+    values = {"coulomb_torque_positive": 1.0, "coulomb_torque_negative": 0.5}
+    rougher = [Effect("asymmetric_coulomb_friction", (ELBOW,), values)]
+    judge, candidates = judged([noisy_log(rougher, seed + k, "train", NOISE) for k in (1, 2)], law)
+    (name,) = known_and_beside(judge.at([law]), [law], candidates, [], [])[1]
+    assert name.effect == law.effect
+
+
 def test_the_surest_parameter_counts() -> None:
     effect = Effect(
         "stribeck_friction",

@@ -10,6 +10,7 @@ from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop import find as find_module
+from hybrid_dynamics.loop import known as known_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import LINKS_WITHIN
 from hybrid_dynamics.loop.diagnosis import errors_of
@@ -98,8 +99,42 @@ def test_a_search_ends_with_the_links_held_so(monkeypatch: pytest.MonkeyPatch) -
     def nearer(there: Judge, chosen: list[Term], beside: list[Term]) -> tuple[Judge, list[str]]:
         return there.over(there.evidence.holding_links(0.05)), ["near"]
 
-    monkeypatch.setattr(find_module, "links_nearer", nearer)
+    monkeypatch.setattr(known_module, "links_nearer", nearer)
     found = find_module.find(judge, candidates, lambda step: None)
     assert [t.effect for t in found.terms] == ["inertial_parameters"]
     assert found.judge.evidence.problem.links_within == 0.05
     assert found.notes == ["near"]
+
+
+@pytest.mark.parametrize("error", [0.2, 0.8])
+def test_a_name_that_nearer_links_make_as_little_as_its_error_stands_beside(
+    error: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judge, names, _ = judged([Effect("coulomb_friction", ("elbow",), {"coulomb_torque": 0.5})], 0.5, 6.0)
+    friction, asked = names[1], []
+
+    def published(there: Judge, kept: list[Term], beside: list[Term]) -> tuple[Judge, list[Effect]]:
+        asked.append(there.evidence.problem.links_within)
+        dry = Effect("coulomb_friction", ("elbow",), {"coulomb_torque": 0.5}, std_errors={"coulomb_torque": error})
+        links = LINKS.family().parameters_of(np.zeros(LINKS.size), ROBOT, LINKS)
+        effects = {LINKS: Effect(LINKS.effect, (), links, {"links": LINKS.options["links"]}), friction: dry}
+        return there, [effects[t] for t in kept]
+
+    monkeypatch.setattr(known_module, "_published", published)
+    # A coefficient of which something is known from one standard error on.
+    known = 0.5 / error > known_module.OF_SEVERAL
+    there, kept, beside, notes = known_module.known_nearer(judge, names, [], [])
+    assert kept == (names if known else [LINKS])
+    assert [t.as_finding.place for t in beside] == ([] if known else [friction.place])
+    assert all(not t.is_finding for t in beside)
+    assert len(notes) == 1
+    # It is asked where the links are held nearer, and where it went once more without it.
+    assert len(asked) == (1 if known else 2)
+    assert asked[-1] == there.evidence.problem.links_within < 1.0
+    # What is fixed stays, whatever is known of it.
+    assert known_module.known_nearer(judge, names, [], [friction])[1] == names
+    # Control: with links as free as before nobody is asked.
+    asked.clear()
+    monkeypatch.setattr(known_module, "links_nearer", lambda there, kept, beside: (there, []))
+    assert known_module.known_nearer(judge, names, [], []) == (judge, names, [], [])
+    assert asked == []

@@ -1,8 +1,9 @@
-"""Effects that only a body that is none could balance: a huge offset, and a link as heavy as the robot to undo it.
+"""Effects that only something that is none could balance: a huge offset, and a link as heavy as the robot to undo it;
+friction that falls with the speed, and ten times as much that rises with it.
 
 Over a short range of positions a constant torque and a weight that is not there make a bow between them, and follow
-with it a law that has no name here. Each is many times what can be, and both together predict well where the runs
-were, and nothing anywhere else: neither is a result.
+with it a law that has no name here; over a short range of speeds powers of the speed do. Each is many times what can
+be, and both together predict well where the runs were, and nothing anywhere else: neither is a result.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from hybrid_dynamics.loop.trace import Judge
 
 #: A body is off by more than a description ever is beyond so many of its plausible changes: a link four times as heavy.
 BEYOND = 6.0
+#: A coefficient of friction makes at most so many times all torque that there is on its joint, the recorded one and the
+#: starting model's together: of more, others must have undone as much as that.
+MOST_TORQUE = 2.0
 #: An effect has made it so where the body is off by less than this share of it without the effect.
 UNDONE = 0.5
 
@@ -36,6 +40,27 @@ def balanced(judge: Judge, current: Sequence[Term], among: Sequence[Term] | None
         term, rest = min(cures, key=lambda cure: (judge.evidence.held(cure[1]).score, repr(cure[0])))
         out.append(term)
     return out
+
+
+def undone(judge: Judge, current: Sequence[Term]) -> list[Term]:
+    """Friction of ``current`` of which one coefficient makes more torque than there is (:data:`MOST_TORQUE`), so that
+    others must undo it: the largest goes first, and the rest is asked again without it."""
+    evidence, rest = judge.evidence, list(current)
+    out: list[Term] = []
+    most = MOST_TORQUE * (evidence.problem.torque_size + evidence.problem.base_size)
+    while True:
+        x, layout = evidence.fit(rest), evidence.layout(rest)
+        excess = {
+            term: max(evidence.square_at(term, part) for part in np.diag(x[start : start + term.size]))
+            - most[term.index] ** 2
+            for term, start in zip(layout.terms, layout.starts, strict=True)
+            if term.joint is not None and term.family().is_friction
+        }
+        worst = max(excess, key=lambda t: (excess[t], repr(t)), default=None)
+        if worst is None or excess[worst] <= 0.0:
+            return out
+        out.append(worst)
+        rest.remove(worst)
 
 
 def _farthest(judge: Judge, current: Sequence[Term]) -> float:

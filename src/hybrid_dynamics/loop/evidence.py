@@ -247,9 +247,14 @@ class Evidence:
 
     def unit_square(self, term: Term) -> float:
         """Mean square [N m]^2 of what ``term``, of one coefficient, makes on its joint where that is one."""
+        return self.square_at(term, np.ones(1))
+
+    def square_at(self, term: Term, x: Array) -> float:
+        """Mean square [N m]^2 of what ``term`` makes on its joint at coordinates ``x`` (p,)."""
         joint = term.index
-        _, column = self.indices(self.layout([term]))[joint]
-        return float(self.sums.full[joint][column[0], column[0]]) / max(float(self.samples[joint]), 1.0)
+        _, columns = self.indices(self.layout([term]))[joint]
+        own = self.sums.full[joint][np.ix_(columns, columns)]
+        return float(x @ own @ x) / max(float(self.samples[joint]), 1.0)
 
     def _ready(self, following: frozenset[Term]) -> None:
         """Make the columns that follow the model, where one of ``following`` is asked for the first time: all of them,

@@ -10,7 +10,7 @@ import numpy as np
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.all_gains import from_gains
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.balanced import balanced
+from hybrid_dynamics.loop.balanced import balanced, undone
 from hybrid_dynamics.loop.cheaper import cheaper
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.contact import named as named_contacts
@@ -28,11 +28,10 @@ from hybrid_dynamics.loop.further import (
     simplify_bodies,
 )
 from hybrid_dynamics.loop.in_the_hand import payload_for_links
-from hybrid_dynamics.loop.known import known_and_beside, much_worse, notes_on, taken_back
+from hybrid_dynamics.loop.known import known_and_beside, known_nearer, much_worse, notes_on, taken_back
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.narrow import narrowed
-from hybrid_dynamics.loop.nearer import links_nearer
 from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.partner import notes_of, partner_open
 from hybrid_dynamics.loop.prepare import Logs
@@ -114,7 +113,7 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, chosen, further = _refined(judge, rest, candidates, report)
         judge, chosen = _in_simplest_form(judge, chosen, candidates)
         steps += further
-    there, nearer = links_nearer(there, names, beside)
+    there, names, beside, nearer = known_nearer(there, names, beside, given)
     joints = judge.evidence.robot.joint_names
     notes = [*notes_of(sifted.unknown, joints), *notes_on(taken_back(chosen, names), joints), *nearer]
     there, names, beside, astray = without_wandering(there, names, beside, given)
@@ -170,7 +169,7 @@ def _sifted(
         judge, chosen = without_noise(judge, chosen, sure=True)
     unknown = partner_open(judge, chosen)
     others = list(candidates)
-    if lost := [*impossible(judge, chosen), *balanced(judge, chosen), *unknown]:
+    if lost := [*impossible(judge, chosen), *balanced(judge, chosen), *undone(judge, chosen), *unknown]:
         # It could be when it was named, and no longer can beside what came in since.
         rest = [t for t in chosen if t not in lost]
         others = elsewhere(candidates, lost)
@@ -259,7 +258,8 @@ def _refined(
 
 def _implausible(judge: Judge, found: Sequence[Term]) -> list[Term]:
     """Those of ``found`` that are at the end of what is plausible, or beyond."""
-    return [*at_the_end(found), *impossible(judge, found)]
+    lost = [*at_the_end(found), *impossible(judge, found)]
+    return lost or undone(judge, found)
 
 
 def _surely(

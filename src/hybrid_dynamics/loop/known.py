@@ -27,6 +27,7 @@ from hybrid_dynamics.loop.beside import (
 )
 from hybrid_dynamics.loop.further import plainer_forms
 from hybrid_dynamics.loop.held import Held
+from hybrid_dynamics.loop.nearer import links_nearer
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.loop.weighing import as_left
 from hybrid_dynamics.robots import Robot
@@ -67,6 +68,31 @@ def _size(term: Term, effect: Effect) -> dict[tuple[Any, ...], float]:
     """At the place of ``term`` the size of the ``effect`` that was found there, where that is one coefficient."""
     values = list(effect.parameters.values())
     return {term.place: abs(values[0])} if term.family().everywhere and len(values) == 1 else {}
+
+
+def known_nearer(
+    judge: Judge, names: Sequence[Term], beside: Sequence[Term], fixed: Collection[Term]
+) -> tuple[Judge, list[Term], list[Term], list[str]]:
+    """``names`` of which something is known where all links, one of them, are held as near as predicts held-out rows
+    best (:mod:`.nearer`); what stands beside them, the judge there, and what is to be said.
+
+    With nearer links others take up what these had made: a name may then be as little as its standard error, which does
+    not become less by what is held.
+    """
+    kept, plain = list(names), list(beside)
+    while True:
+        there, notes = links_nearer(judge, kept, plain)
+        if there is judge:
+            return judge, kept, plain, notes
+        _, effects = _published(there, kept, plain)
+        least = _least_known(there, kept, effects, fixed)
+        if least is None:
+            return there, kept, plain, notes
+        size = _size(least, effects[kept.index(least)])
+        kept.remove(least)
+        if least.family().everywhere:
+            judge, held = held_near(judge, [least], size)
+            plain += held
 
 
 def taken_back(chosen: Sequence[Term], names: Sequence[Term]) -> list[Term]:
@@ -193,6 +219,13 @@ def _without(term: Term, robot: Robot) -> dict[str, float]:
     return {name: value for name, value in values.items() if name not in refined and np.isfinite(value)}
 
 
+def _all_alike(effect: Effect, names: Sequence[str]) -> bool:
+    """True where the parameters ``names`` of ``effect`` differ by no more than their errors: of a law of like sizes
+    that is the plain one, and where the data is silent of one of them the others say what it is."""
+    values = [effect.parameters[name] for name in names]
+    return bool(np.ptp(values) < np.linalg.norm([effect.std_errors.get(name, 0.0) for name in names]))
+
+
 def _published(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Effect]]:
     """The judge where all stands re-fitted, and the effects of ``names`` with their standard errors."""
     fitted = refit(judge.evidence, [*names, *beside])
@@ -218,7 +251,7 @@ def _plainer(
         sized = [
             name for name in own if errors.get(name) and published_in_errors(term, effect, robot, [name]) >= OF_SEVERAL
         ]
-        if len(sized) == len(own):
+        if len(sized) == len(own) and not (kind.of_like_size and _all_alike(effect, own)):
             continue
         judge, trials = plainer_forms(judge, out, i, candidates)
         if not trials:
