@@ -16,8 +16,10 @@ from tests.test_loop_boxes import DT, stretch
 
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop import further as further_module
 from hybrid_dynamics.loop.boxes import ALIKE, Interval, _beside, _return
+from hybrid_dynamics.loop.confirm import confirm
 from hybrid_dynamics.loop.described import with_described
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.further import EXCESS, _promising, further_candidates
@@ -147,3 +149,37 @@ def test_a_change_of_the_urdfs_friction_is_told_once_in_its_total() -> None:
     notes = with_described(result, described).diagnosis.notes
     assert other in notes
     assert own not in notes
+
+
+def test_what_was_known_beside_a_contradicted_name_alone_goes_and_the_rest_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    contradicted, leaning, sure = (Term(name, 1) for name in ("torque_offset", "coulomb_friction", "armature"))
+
+    def model(kept: list[Term], covariance: bool = True) -> Any:
+        own = SimpleNamespace(kept=list(kept))
+        own.with_inactive = lambda inactive: own
+        return own
+
+    found: Any = SimpleNamespace(terms=[contradicted, leaning, sure], model=model, named=lambda full: [None] * 3)
+
+    def asked(judge: Any, tests: Any, full: Any, without: Any, names: int) -> Any:
+        gone = set(full.kept) - set(without.kept)
+        return confirm_module.TestChange(
+            0.5 if contradicted in gone else -0.001, 0.01, contradicted in gone, np.zeros(2)
+        )
+
+    monkeypatch.setattr(confirm_module, "test_change", asked)
+    monkeypatch.setattr(confirm_module, "_harm_to_its_joint", lambda *a: None)
+    monkeypatch.setattr(confirm_module, "_worse_joints", lambda *a: [])
+    monkeypatch.setattr(confirm_module, "asks_too_much", lambda *a: None)
+    monkeypatch.setattr(
+        confirm_module, "_unknown", lambda found, kept, model, spared: leaning if leaning in kept else None
+    )
+    monkeypatch.setattr(confirm_module, "_filled", lambda judge, base, found, kept, model, *rest: (found, model))
+    monkeypatch.setattr(confirm_module, "without_wrong", lambda own, kept, model, *rest: (model, ()))
+    nothing: Any = None
+    said = confirm(nothing, nothing, model(found.terms), found, [])
+    assert said.refused == (contradicted, leaning)
+    assert said.unknown == (leaning,)
+    assert cast(Any, said.model).kept == [sure]
