@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from tests.small_arm import heavier_links, noisy_log
 from tests.test_loop_beside import SHOULDER, judged
-from tests.test_loop_known import ELBOW, one_way
+from tests.test_loop_known import ELBOW, ROBOT, one_way
 from tests.test_loop_known import judged as judged_of
 
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, Term, predict
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.balanced import BEYOND, MOST_TORQUE, balanced, undone
+from hybrid_dynamics.loop.balanced import BEYOND, MOST_TORQUE, balanced, torque_moving, undone
 from hybrid_dynamics.loop.find import find
+from hybrid_dynamics.trajectory import Trajectory
 
 OFFSET = Term("torque_offset", 0)
 FRICTION = Term("coulomb_friction", 0)
@@ -54,8 +56,8 @@ def test_powers_of_the_speed_that_undo_each_other_many_times_over_are_told() -> 
     slow = [one_way(powers(3000.0), seed) for seed in (1, 2)]
     judge, _ = judged_of(slow, *law, OFFSET)
     # The trap is there: all there is makes less than a tenth of what one of the powers does.
-    x, size = judge.evidence.fit(law), judge.evidence.problem
-    assert x[0] * 0.1 > 5 * MOST_TORQUE * (size.torque_size[1] + size.base_size[1])
+    x = judge.evidence.fit(law)
+    assert x[0] * 0.1 > 5 * MOST_TORQUE * torque_moving(judge.evidence)[1]
     # The largest alone goes: without it the other is no more than there is.
     assert undone(judge, law) == [law[1]]
     assert undone(judge, law[:1]) == []
@@ -69,3 +71,27 @@ def test_powers_of_the_speed_that_undo_each_other_many_times_over_are_told() -> 
     # Control: the same law where the joint shows all of it, at .1 rad/s and at ten times that.
     judge, _ = judged_of([noisy_log(powers(1.0), seed, "train", 0.01) for seed in (1, 2)], *law)
     assert undone(judge, law) == []
+
+
+def strokes(force: float, seed: int) -> Trajectory:
+    """The elbow rests but for a second to and fro in ten; at rest it shows nothing of its friction."""
+    log = noisy_log([], seed, "train", 0.0)
+    time = log.time
+    inside = np.clip(np.mod(time, 10.0) - 4.0, 0.0, 1.0)
+    q = np.column_stack([log["q"][:, 0], 0.4 * np.sin(np.pi * inside) ** 2])
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(ROBOT, [], q, dq, np.gradient(dq, time, axis=0), time)
+    tau[:, 1] += force * np.sign(dq[:, 1]) * (np.abs(dq[:, 1]) > 1e-9)
+    rng = np.random.default_rng(seed)
+    return Trajectory(log.name, "train", time, {"q": q, "dq": dq, "tau": tau + 0.01 * rng.normal(size=tau.shape)})
+
+
+@pytest.mark.parametrize("force", [5.0, 25.0, 100.0])
+def test_friction_that_is_nearly_all_torque_of_a_joint_that_rests_mostly_stays(force: float) -> None:
+    law = Term("coulomb_friction", 1)
+    judge, _ = judged_of([strokes(force, seed) for seed in (1, 2)], law)
+    (x,) = judge.evidence.fit([law])
+    assert x == pytest.approx(force, rel=0.05)
+    # The trap is there: over all rows it is far more than there is.
+    assert x > MOST_TORQUE * judge.evidence.problem.torque_size[1]
+    assert undone(judge, [law]) == []

@@ -133,6 +133,19 @@ def test_a_name_that_nearer_links_make_as_little_as_its_error_stands_beside(
     assert asked[-1] == there.evidence.problem.links_within < 1.0
     # What is fixed stays, whatever is known of it.
     assert known_module.known_nearer(judge, names, [], [friction])[1] == names
+    # Where without it the links are as free as before, it is known as it was.
+    near = links_nearer
+
+    def once(there: Judge, kept: list[Term], beside: list[Term]) -> tuple[Judge, list[str]]:
+        return (there, []) if beside else near(there, kept, beside)
+
+    monkeypatch.setattr(known_module, "links_nearer", once)
+    assert known_module.known_nearer(judge, names, [], [])[1:3] == (names, [])
+    # Nor do nearer links cost a name that not every joint has.
+    monkeypatch.setattr(known_module, "links_nearer", near)
+    with monkeypatch.context() as patched:
+        patched.setattr(known_module, "_least_known", lambda there, kept, effects, fixed: kept[0])
+        assert known_module.known_nearer(judge, names, [], []) == (judge, names, [], [])
     # Control: with links as free as before nobody is asked.
     asked.clear()
     monkeypatch.setattr(known_module, "links_nearer", lambda there, kept, beside: (there, []))

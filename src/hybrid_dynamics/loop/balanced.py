@@ -13,12 +13,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.types import Array
 
 #: A body is off by more than a description ever is beyond so many of its plausible changes: a link four times as heavy.
 BEYOND = 6.0
-#: A coefficient of friction makes at most so many times all torque that there is on its joint, the recorded one and the
-#: starting model's together: of more, others must have undone as much as that.
+#: A coefficient of friction makes at most so many times all torque that there is on its joint where it moves, the
+#: recorded one and the starting model's together: of more, others must have undone as much as that.
 MOST_TORQUE = 2.0
 #: An effect has made it so where the body is off by less than this share of it without the effect.
 UNDONE = 0.5
@@ -44,23 +46,34 @@ def balanced(judge: Judge, current: Sequence[Term], among: Sequence[Term] | None
 
 def undone(judge: Judge, current: Sequence[Term]) -> list[Term]:
     """Friction of ``current`` of which one coefficient makes more torque than there is (:data:`MOST_TORQUE`), so that
-    others must undo it: the largest goes first, and the rest is asked again without it."""
+    others must undo it: the largest goes first, and the rest is asked again without it. Not where another law follows
+    the time: friction of a cold start may be far more than most of a run shows, and that law what it falls by."""
     evidence, rest = judge.evidence, list(current)
+    most = MOST_TORQUE * torque_moving(evidence)
+    drifting = {t.joint for t in current if t.family().follows_time}
     out: list[Term] = []
-    most = MOST_TORQUE * (evidence.problem.torque_size + evidence.problem.base_size)
     while True:
         x, layout = evidence.fit(rest), evidence.layout(rest)
         excess = {
             term: max(evidence.square_at(term, part) for part in np.diag(x[start : start + term.size]))
             - most[term.index] ** 2
             for term, start in zip(layout.terms, layout.starts, strict=True)
-            if term.joint is not None and term.family().is_friction
+            if term.joint is not None and term.family().is_friction and term.joint not in drifting
         }
         worst = max(excess, key=lambda t: (excess[t], repr(t)), default=None)
         if worst is None or excess[worst] <= 0.0:
             return out
         out.append(worst)
         rest.remove(worst)
+
+
+def torque_moving(evidence: Evidence) -> Array:
+    """(n,) [N m] root mean square of every joint's recorded torque and of the starting model's together, each over the
+    rows that count."""
+    parts = [[run.tau for run in evidence.runs], evidence.problem.base_torque]
+    squares = [[np.sum(m * own**2, axis=0) for m, own in zip(evidence.mask, part, strict=True)] for part in parts]
+    rows = np.maximum(evidence.samples, 1.0)
+    return np.asarray(np.sum([np.sqrt(np.sum(square, axis=0) / rows) for square in squares], axis=0))
 
 
 def _farthest(judge: Judge, current: Sequence[Term]) -> float:

@@ -169,7 +169,9 @@ def _sifted(
         judge, chosen = without_noise(judge, chosen, sure=True)
     unknown = partner_open(judge, chosen)
     others = list(candidates)
-    if lost := [*impossible(judge, chosen), *balanced(judge, chosen), *undone(judge, chosen), *unknown]:
+    cannot_be = [*impossible(judge, chosen), *balanced(judge, chosen)]
+    # What is as large as that beside something that cannot be may be plausible without it.
+    if lost := [*(cannot_be or undone(judge, chosen)), *unknown]:
         # It could be when it was named, and no longer can beside what came in since.
         rest = [t for t in chosen if t not in lost]
         others = elsewhere(candidates, lost)

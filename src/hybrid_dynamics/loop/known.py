@@ -77,22 +77,25 @@ def known_nearer(
     best (:mod:`.nearer`); what stands beside them, the judge there, and what is to be said.
 
     With nearer links others take up what these had made: a name may then be as little as its standard error, which does
-    not become less by what is held.
+    not become less by what is held. Friction, an offset or a rotor stands beside the names then. Where another name
+    would be lost, or the links are not held nearer without what went, all stays as it was found.
     """
-    kept, plain = list(names), list(beside)
+    there, kept, plain = judge, list(names), list(beside)
     while True:
-        there, notes = links_nearer(judge, kept, plain)
-        if there is judge:
-            return judge, kept, plain, notes
-        _, effects = _published(there, kept, plain)
-        least = _least_known(there, kept, effects, fixed)
+        near, notes = links_nearer(there, kept, plain)
+        if near is there:
+            break
+        _, effects = _published(near, kept, plain)
+        least = _least_known(near, kept, effects, fixed)
         if least is None:
-            return there, kept, plain, notes
+            return near, kept, plain, notes
+        if not least.family().everywhere:
+            break
         size = _size(least, effects[kept.index(least)])
         kept.remove(least)
-        if least.family().everywhere:
-            judge, held = held_near(judge, [least], size)
-            plain += held
+        there, held = held_near(there, [least], size)
+        plain += held
+    return judge, list(names), list(beside), []
 
 
 def taken_back(chosen: Sequence[Term], names: Sequence[Term]) -> list[Term]:

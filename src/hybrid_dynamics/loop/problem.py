@@ -242,9 +242,3 @@ class Problem:
         """(n,) [N m] root mean square of every joint's recorded torque."""
         square = np.mean(np.concatenate([run.tau for run in self.runs]) ** 2, axis=0)
         return np.asarray(np.sqrt(square))
-
-    @cached_property
-    def base_size(self) -> Array:
-        """(n,) [N m] root mean square of every joint's torque by the starting model."""
-        square = np.mean(np.concatenate(self.base_torque) ** 2, axis=0)
-        return np.asarray(np.sqrt(square))
