@@ -18,7 +18,7 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop import further as further_module
-from hybrid_dynamics.loop.boxes import ALIKE, Interval, _beside, _return
+from hybrid_dynamics.loop.boxes import ALIKE, Interval, _beside, _jumps, _return
 from hybrid_dynamics.loop.confirm import confirm
 from hybrid_dynamics.loop.described import with_described
 from hybrid_dynamics.loop.evidence import Evidence
@@ -28,6 +28,7 @@ from hybrid_dynamics.loop.narrow import _by_size
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.scale import gain_families
 from hybrid_dynamics.loop.search import LIKENESS_OF_RIVAL, _rivals
+from hybrid_dynamics.loop.solve import Constraints
 from hybrid_dynamics.loop.trace import Judge
 
 ROBOT = arm()
@@ -183,3 +184,31 @@ def test_what_was_known_beside_a_contradicted_name_alone_goes_and_the_rest_stays
     assert said.refused == (contradicted, leaning)
     assert said.unknown == (leaning,)
     assert cast(Any, said.model).kept == [sure]
+
+
+@pytest.mark.parametrize(("left", "moving", "mostly"), [(1, 1, False), (2, 2, True), (2, 6, False), (4, 6, True)])
+def test_most_joints_are_left_with_something_where_more_than_half_are_and_two_at_least(
+    left: int, moving: int, mostly: bool
+) -> None:
+    judge = SimpleNamespace(floor=np.array([1.0] * moving + [0.0]), above_floor=lambda held: np.arange(7) < left)
+    assert Judge.mostly_left(cast(Any, judge), cast(Any, None)) is mostly
+
+
+def test_coordinates_that_one_line_holds_together_are_coupled() -> None:
+    apart = Constraints(np.zeros(2))
+    assert not apart.coupled
+    assert replace(apart, rows=np.ones((1, 2)), least=np.zeros(1)).coupled
+
+
+def test_rows_near_a_jump_have_no_say_in_it() -> None:
+    """From -2 to 3 between rows 49 and 50; what the filter makes of it next to it, here a spike, is left out."""
+    seen = np.where(np.arange(100) < 50, -2.0, 3.0)
+    seen[47:53] = 90.0
+    jump = _jumps(seen, np.ones(100, bool), near=3, reach=10)
+    assert jump[50] == pytest.approx(5.0)
+    # Elsewhere nothing changes, and at the ends nobody knows.
+    assert jump[20] == jump[80] == 0.0
+    assert np.isnan(jump[[0, 1, 99, 100]]).all()
+    # Each side is an average of ten rows whose middle is eight away.
+    ramp = _jumps(np.arange(100.0), np.ones(100, bool), near=3, reach=10)
+    assert ramp[50] == pytest.approx(2 * 3 + 10)
