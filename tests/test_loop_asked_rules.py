@@ -15,6 +15,7 @@ from tests.small_arm import arm, noisy_log
 from tests.test_loop_boxes import DT, stretch
 
 from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.identification.estimate import jackknife
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop import further as further_module
@@ -212,3 +213,11 @@ def test_rows_near_a_jump_have_no_say_in_it() -> None:
     # Each side is an average of ten rows whose middle is eight away.
     ramp = _jumps(np.arange(100.0), np.ones(100, bool), near=3, reach=10)
     assert ramp[50] == pytest.approx(2 * 3 + 10)
+
+
+def test_leaving_out_one_block_after_the_other_gives_the_error_of_a_mean() -> None:
+    """Of equal blocks: the scatter of their means over the square root of their number."""
+    y = np.random.default_rng(3).normal(4.0, 1.0, size=(12, 30))
+    grams = np.array([[[30.0, own.sum()], [own.sum(), own @ own]] for own in y])
+    expected = np.std(y.mean(axis=1), ddof=1) / np.sqrt(12)
+    assert jackknife(grams) == pytest.approx([expected], rel=1e-9)
