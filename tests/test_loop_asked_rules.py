@@ -221,3 +221,22 @@ def test_leaving_out_one_block_after_the_other_gives_the_error_of_a_mean() -> No
     grams = np.array([[[30.0, own.sum()], [own.sum(), own @ own]] for own in y])
     expected = np.std(y.mean(axis=1), ddof=1) / np.sqrt(12)
     assert jackknife(grams) == pytest.approx([expected], rel=1e-9)
+
+
+def test_a_joint_that_leaves_less_than_its_floor_counts_by_its_floor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By what it leaves, a change of nearly nothing to twice that would outweigh the gain of another joint."""
+    rows = 2000
+    signs = np.where(np.arange(rows) % 2, 1.0, -1.0)[:, None]
+    # With the name the second joint, noisy, is a sixth better; what the first leaves of its floor of one grows.
+    left = {"with": signs * [0.02, 1.0], "without": signs * [0.01, 1.2]}
+    run = SimpleNamespace(time=0.01 * np.arange(rows), mask=np.ones((rows, 2), bool))
+    monkeypatch.setattr(confirm_module, "moving_errors", lambda model, runs: [left[model]])
+    judge: Any = SimpleNamespace(
+        floor=np.ones(2), evidence=SimpleNamespace(weights=np.ones(2)), settings=LoopSettings()
+    )
+    change = confirm_module.test_change(judge, [cast(Any, run)], cast(Any, "with"), cast(Any, "without"), 1)
+    assert change.relative < 0
+    assert not change.contradicts
+    # Control: where the floor is as little as what is left, the first joint has as much to say.
+    judge.floor = np.full(2, 1e-3)
+    assert confirm_module.test_change(judge, [cast(Any, run)], cast(Any, "with"), cast(Any, "without"), 1).relative > 0
