@@ -13,17 +13,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from hybrid_dynamics.effects import Term
+from hybrid_dynamics.loop.carried import rows_and_rms
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.types import Array
 
 #: A body is off by more than a description ever is beyond so many of its plausible changes: a link four times as heavy.
 BEYOND = 6.0
+#: An effect has made it so where the body is off by less than this share of it without the effect.
+UNDONE = 0.5
 #: A coefficient of friction makes at most so many times all torque that there is on its joint where it moves, the
 #: recorded one and the starting model's together: of more, others must have undone as much as that.
 MOST_TORQUE = 2.0
-#: An effect has made it so where the body is off by less than this share of it without the effect.
-UNDONE = 0.5
 
 
 def balanced(judge: Judge, current: Sequence[Term], among: Sequence[Term] | None = None) -> list[Term]:
@@ -70,10 +71,9 @@ def undone(judge: Judge, current: Sequence[Term]) -> list[Term]:
 def torque_moving(evidence: Evidence) -> Array:
     """(n,) [N m] root mean square of every joint's recorded torque and of the starting model's together, each over the
     rows that count."""
-    parts = [[run.tau for run in evidence.runs], evidence.problem.base_torque]
-    squares = [[np.sum(m * own**2, axis=0) for m, own in zip(evidence.mask, part, strict=True)] for part in parts]
-    rows = np.maximum(evidence.samples, 1.0)
-    return np.asarray(np.sum([np.sqrt(np.sum(square, axis=0) / rows) for square in squares], axis=0))
+    torques = [run.tau for run in evidence.runs], evidence.problem.base_torque
+    parts = [list(zip(evidence.runs, own, evidence.mask, strict=True)) for own in torques]
+    return np.asarray(np.sum([rows_and_rms(part)[1] for part in parts], axis=0))
 
 
 def _farthest(judge: Judge, current: Sequence[Term]) -> float:
