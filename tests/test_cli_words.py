@@ -67,7 +67,11 @@ def test_what_cannot_be_told_is_not_told_as_missing():
     assert verdict_line(value).endswith("something remains")
     value |= {"beyond_friction": [0.0, 0.0], "better_with_everything": [True, False]}
     assert verdict_line(value).endswith("something remains")
-    value |= {"better_with_everything": [False, False], "provenance": {"command": {"model": "model.json"}}}
+    assert any("a fit of all links and friction at once leaves much less" in line for line in details(value))
+    value |= {"better_with_everything": [False, False], "worse_than_start": [True, False]}
+    assert verdict_line(value).endswith("something remains")
+    assert "not down to noise: a: the starting model leaves less of the test runs" in details(value)
+    value |= {"worse_than_start": [False, False], "provenance": {"command": {"model": "model.json"}}}
     assert verdict_line(value).endswith("these runs cannot tell whether more has changed on a")
 
 

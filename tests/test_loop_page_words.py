@@ -113,6 +113,25 @@ def test_a_joint_whose_test_runs_leave_more_says_so_before_all_doubt() -> None:
     assert rest.state_of(d, 0) == ("open", rest.ALARM)
 
 
+@pytest.mark.parametrize(
+    ("flag", "state", "told"),
+    [
+        ("worse_than_start", rest.WORSE, "the starting model leaves less of the test runs"),
+        ("better_with_everything", rest.RIVALLED, "a fit of all links and friction at once leaves much less"),
+    ],
+)
+def test_another_model_that_predicts_a_joint_better_is_told_as_that(flag: str, state: str, told: str) -> None:
+    left = {"joint": "a", "share_of_residual_variance": 0.6, "expression": "0"}
+    d: dict[str, Any] = {"joints": ["a"], "unexplained": [left], "motion_dependent": [False], flag: [True]}
+    assert rest.state_of(d, 0) == ("open", state)
+    (line,) = words.still_open(d)
+    assert line.startswith(f"a: {told}")
+    assert _how_much(d, left).startswith(told)
+    # What else is known of the joint is told as well.
+    _, more = words.still_open(d | {"cannot_tell": [True]})
+    assert more == "a: what is left may be noise or an effect: it changes slowly."
+
+
 def test_what_can_be_learned_is_one_number_on_the_whole_page() -> None:
     # The entry's own share is what the test runs leave beyond the training runs: no black box learns it.
     left = {"joint": "a", "share_of_residual_variance": 0.6, "expression": "0"}

@@ -12,6 +12,7 @@ from hybrid_dynamics.loop_report.meaning import meaning, only_untold
 from hybrid_dynamics.loop_report.parameter_words import place, settings_words, several_words, single_words
 from hybrid_dynamics.loop_report.rest import beyond_friction, final_errors, learned, state_of, unproven_shares
 from hybrid_dynamics.loop_report.words import (
+    SURPASSED,
     VARIABLES,
     asked,
     confirmed,
@@ -144,8 +145,10 @@ def _left(diagnosis: Mapping[str, Any]) -> list[str]:
         if joint in held:
             rest = f"while it stands {held[joint]:.3g} {unit} (rms) are left, more than friction holds"
             out.append(f"not down to noise: {joint}: {rest}")
-            if not (alarms.get(joint) or parted.get(joint) or doubts.get(joint)):
-                continue
+        if surpassed := SURPASSED.get(state_of(diagnosis, joints.index(joint))[1]):
+            out.append(f"not down to noise: {joint}: {surpassed}")
+        if (joint in held or surpassed) and not (alarms.get(joint) or parted.get(joint) or doubts.get(joint)):
+            continue
         if doubts.get(joint):
             would_be += [] if expression == "0" else [f"{joint} {expression} [{unit}]"]
             continue

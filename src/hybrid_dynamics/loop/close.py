@@ -28,6 +28,7 @@ from hybrid_dynamics.loop.prepare import Logs, gather, read_motion, resolution
 from hybrid_dynamics.loop.process import Run, process
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.loop.spoiled import spoiled
 from hybrid_dynamics.loop.standing import beyond_friction
 from hybrid_dynamics.loop.stretches import spread
 from hybrid_dynamics.loop.trace import Judge
@@ -147,6 +148,7 @@ def _close(
     # Where runs disagree the evidence is of effects with parameters for every run.
     free = judge.over(judge.evidence.holding_links(1.0))
     rival = better_with_everything(free, [] if found.inconsistent else terms, said.model, logs.test, logs.rounded_away)
+    worse = spoiled(judge, base, said.model, logs.test)
     only = [f"looked for {', '.join(settings.effects)} and nothing else"] if settings.effects else []
     notes = [
         *only,
@@ -160,7 +162,7 @@ def _close(
         *pushed_in_tests(full, logs.test, settings),
     ]
     diagnosis, models = describe_result(
-        judge, base, terms, found, full, said, floor, carried, standing, rival, logs, notes
+        judge, base, terms, found, full, said, floor, carried, standing, rival, worse, logs, notes
     )
     after = diagnosis.error_moving["test"].after_confirmed
     assert after is not None

@@ -25,6 +25,7 @@ from hybrid_dynamics.loop.identifiability import inconsistent, undetermined
 from hybrid_dynamics.loop.model import Model, effect_to_json
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.prepare import Logs
+from hybrid_dynamics.loop.spoiled import Spoiled
 from hybrid_dynamics.loop.standing import Standing
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unexplained import expression_of
@@ -51,6 +52,7 @@ def describe_result(
     carried: Carried,
     standing: Standing,
     rival: Everything,
+    worse: Spoiled,
     logs: Logs,
     notes: Sequence[str],
 ) -> tuple[Diagnosis, list[Model]]:
@@ -128,11 +130,12 @@ def describe_result(
     useless = logs.moving & ~logs.untested & (held_out > CONSTANT) & (moving_rms(said.model, logs.test) > least)
     lines = [
         *_no_better(robot, useless, held_out),
+        *worse.notes(robot.joint_names, robot.prismatic),
         *rival.notes(robot.joint_names),
         *lines,
         *standing.notes(robot.joint_names, robot.prismatic),
     ]
-    something = floor.motion_dependent | floor.cannot_tell | carried.worse | standing.seen | rival.better
+    something = floor.motion_dependent | floor.cannot_tell | carried.worse | standing.seen | rival.better | worse.seen
     explained = ~floor.seen | ~something
     diagnosis = {
         "schema": 2,
@@ -154,11 +157,12 @@ def describe_result(
         "worse_on_test": [bool(v) for v in carried.worse],
         "beyond_friction": standing.rms.tolist(),
         "better_with_everything": [bool(v) for v in rival.better],
+        "worse_than_start": [bool(v) for v in worse.seen],
         "untested": [bool(v) for v in logs.untested],
         "autocorrelation": floor.autocorrelation.tolist(),
         "extrapolation": outside,
         "unexplained": [
-            _unexplained(robot, said.model, logs, judge, floor, carried, standing, rival, int(j))
+            _unexplained(robot, said.model, logs, judge, floor, carried, standing, rival, worse, int(j))
             for j in np.flatnonzero(~explained)
         ],
         "not_identifiable": [
@@ -183,17 +187,18 @@ def _unexplained(
     carried: Carried,
     standing: Standing,
     rival: Everything,
+    worse: Spoiled,
     joint: int,
 ) -> dict[str, Any]:
     # Of what is left, the share that a black box removes; where none can be learned, what second differences deny;
     # where the test runs alone leave more, what they leave beyond the training runs; what stands beyond
-    # friction; what a fit of everything takes.
+    # friction; what a fit of everything takes; what the starting model does not leave.
     share = float(floor.learnable_share[joint])
     if not floor.motion_dependent[joint]:
         share = max(1.0 - float(floor.low[joint] / max(floor.value[joint], 1e-300)) ** 2, 0.0)
     if carried.worse[joint]:
         share = max(share, 1.0 - 1.0 / float(carried.times[joint]) ** 2)
-    share = max(share, float(standing.share[joint]), 1.0 - 1.0 / float(rival.times[joint]))
+    share = max(share, float(standing.share[joint]), 1.0 - 1.0 / float(rival.times[joint]), float(worse.share[joint]))
     return {
         "joint": robot.joint_names[joint],
         "share_of_residual_variance": share,

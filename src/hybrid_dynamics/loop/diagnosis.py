@@ -131,7 +131,8 @@ class Diagnosis:
     ``unproven_share``: why not, where a black box removes so much on held-out rows, which may be chance (else 0);
     ``worse_on_test``: the test runs leave surely more than the training runs; ``beyond_friction`` (rms) is left while
     the joint stands and more than friction holds (else 0); ``better_with_everything``: a fit of all that arms have at
-    once leaves surely and much less of the test runs; ``untested``: these say nothing of the joint.
+    once leaves surely and much less of the test runs; ``worse_than_start``: the starting model leaves surely less of
+    them; ``untested``: these say nothing of the joint.
     ``prismatic`` joints slide: [N] and [m] in the place of [N m] and [rad].
 
     >>> import json
@@ -158,6 +159,7 @@ class Diagnosis:
     worse_on_test: tuple[bool, ...] = ()
     beyond_friction: tuple[float, ...] = ()
     better_with_everything: tuple[bool, ...] = ()
+    worse_than_start: tuple[bool, ...] = ()
     untested: tuple[bool, ...] = ()
     autocorrelation: tuple[float, ...] = ()
     extrapolation: tuple[Mapping[str, Any], ...] = ()
@@ -226,7 +228,7 @@ _SIZES = (
     "autocorrelation",
     "beyond_friction",
 )
-_FLAGS = ("motion_dependent", "cannot_tell", "worse_on_test", "better_with_everything", "untested")
+_FLAGS = ("motion_dependent", "cannot_tell", "worse_on_test", "better_with_everything", "worse_than_start", "untested")
 
 
 def _change_from(pair: Mapping[str, Any]) -> Change:

@@ -263,6 +263,7 @@ def _how_much(d: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
         rest.SLOW: f"{size} changes slowly, or follows the motion by what may be chance",
         rest.PARTED: f"{size} is more than noise, or than the training runs leave",
         rest.HELD: f"{size} is there while the joint stands",
+        **words.SURPASSED,
     }.get(rest.state_of(d, list(d["joints"]).index(entry["joint"]))[1], size)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hybrid_dynamics.loop.describe import SILENT
-from hybrid_dynamics.loop_report.rest import SLOW, Diagnosis, flags, state_of
+from hybrid_dynamics.loop_report.rest import SLOW, Diagnosis, state_of
 from hybrid_dynamics.loop_report.words import asked
 
 VERDICTS = {
@@ -29,8 +29,7 @@ def only_untold(d: Diagnosis) -> bool:
 
 def _untold(d: Diagnosis) -> list[str]:
     """Why these runs cannot tell whether all is clear; nothing where it is, or where something surely remains."""
-    sure = flags(d, "better_with_everything")
-    doubted = [joint for j, joint in enumerate(d["joints"]) if state_of(d, j)[1] == SLOW and not sure[j]]
+    doubted = [joint for j, joint in enumerate(d["joints"]) if state_of(d, j)[1] == SLOW]
     if d["verdict"] not in _ADDED or {entry["joint"] for entry in d["unexplained"]} - {*doubted}:
         return []
     more = "more" if d["verdict"] == "partly_explained" else "anything"

@@ -10,6 +10,9 @@ Diagnosis = Mapping[str, Any]
 #: What is left on a joint whose alarm is on, and on one that leaves it open.
 ALARM, SLOW = "still depends on the motion", "cannot be told from noise"
 PARTED = "more on the test runs than on the training runs"
+WORSE = "more than the starting model leaves"
+#: Where all links and friction at once predict the test runs much better than what was named.
+RIVALLED = "much more than a fit of everything leaves"
 ABOVE = "above the noise; no cause found"
 #: Where a hand, a stop, a brake or a load holds a joint that stands, or friction of which the model knows nothing.
 HELD = "while it stands, more than friction holds"
@@ -57,12 +60,16 @@ def state_of(d: Diagnosis, joint: int) -> tuple[str, str]:
     if why := [entry["why"] for entry in d.get("not_identifiable", []) if entry["joint"] == name]:
         # The joint never moves, or its torque never changes.
         return "unseen", why[0].partition(" in the training runs")[0].removeprefix("the joint ")
+    if flags(d, "worse_than_start")[joint]:
+        return "open", WORSE
     if flags(d, "motion_dependent")[joint]:
         return "open", ALARM
     if flags(d, "worse_on_test")[joint]:
         return "open", PARTED
     if beyond_friction(d).get(name):
         return "open", HELD
+    if flags(d, "better_with_everything")[joint]:
+        return "open", RIVALLED
     if flags(d, "cannot_tell")[joint]:
         return "open", SLOW
     if "motion_dependent" not in d and name in {entry["joint"] for entry in d["unexplained"]}:

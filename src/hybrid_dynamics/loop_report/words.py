@@ -9,6 +9,8 @@ from typing import Any
 from hybrid_dynamics.effects.units import unit_at
 from hybrid_dynamics.loop.describe import NO_BETTER
 from hybrid_dynamics.loop.described import WORSE
+from hybrid_dynamics.loop.spoiled import SPOILED
+from hybrid_dynamics.loop_report import rest
 from hybrid_dynamics.loop_report.rest import (
     ABOVE,
     STANDING,
@@ -30,8 +32,13 @@ _BESIDE = {
 }
 #: What may hold a joint that stands, where friction does not.
 _HOLDS = "more than friction holds: a hand, a stop, a brake, a load or friction that the model does not know"
+#: What other models leave less of the test runs, by the state of the joint.
+SURPASSED = {
+    rest.WORSE: "the starting model leaves less of the test runs",
+    rest.RIVALLED: "a fit of all links and friction at once leaves much less of the test runs",
+}
 #: How notes begin that come before the numbers.
-FIRST = (NO_BETTER, WORSE)
+FIRST = (NO_BETTER, SPOILED, WORSE)
 #: Words of notes on what the starting model had of an effect; its value tells that too.
 _WITH_VALUES = ("since the starting model", "in all, of which the URDF gives")
 #: Joints that are named one by one, however few the others are.
@@ -333,8 +340,10 @@ def still_open(d: Diagnosis) -> list[str]:
         if size := beyond_friction(d).get(entry["joint"]):
             unit = effort_unit(d, entry["joint"])
             out.append(f"{entry['joint']}: while it stands {number(size, 3)} {unit} (rms) are left, {_HOLDS}.")
-            if not (dependent[j] or flags(d, "worse_on_test")[j] or flags(d, "cannot_tell")[j]):
-                continue
+        if surpassed := SURPASSED.get(state_of(d, j)[1]):
+            out.append(f"{entry['joint']}: {surpassed}.")
+        if (size or surpassed) and not (dependent[j] or flags(d, "worse_on_test")[j] or flags(d, "cannot_tell")[j]):
+            continue
         if "motion_dependent" not in d:
             out.append(f"{entry['joint']}: {part} of what is left (variance) is not noise.")
         elif dependent[j]:

@@ -27,6 +27,7 @@ _PER_JOINT = (
     "motion_dependent",
     "cannot_tell",
     "worse_on_test",
+    "worse_than_start",
     "beyond_friction",
     "autocorrelation",
 )
