@@ -34,6 +34,24 @@ EXAMPLES = {
         "stribeck_friction", JOINT, {"coulomb_torque": 1.0, "static_torque": 1.8, "stribeck_velocity": 0.2}
     ),
     "hysteresis_friction": Effect("hysteresis_friction", JOINT, {"presliding_stiffness": 40.0, "coulomb_torque": 2.0}),
+    "hysteresis_friction lugre": Effect(
+        "hysteresis_friction",
+        JOINT,
+        {
+            "presliding_stiffness": 40.0,
+            "coulomb_torque": 2.0,
+            "static_torque": 3.0,
+            "micro_damping": 0.4,
+            "stribeck_velocity": 0.1,
+        },
+        {"law": "lugre"},
+    ),
+    "stribeck_friction over a displacement": Effect(
+        "stribeck_friction",
+        JOINT,
+        {"coulomb_torque": 1.0, "static_torque": 1.8, "stribeck_velocity": 0.2},
+        {"sign_displacement": 1e-3},
+    ),
     "torque_gain": Effect("torque_gain", JOINT, {"gain": 1.24}),
     "torque_gain of all": Effect("torque_gain", (), {"gain": 0.9}),
     "joint_spring": Effect("joint_spring", JOINT, {"stiffness": 12.0, "rest_position": 0.3}, {"shape": "linear"}),

@@ -89,7 +89,7 @@ def test_a_constant_torque_and_one_that_is_missing_say_nothing():
 
 def test_positions_in_another_unit_are_told_to_a_model():
     run, model = log(*HIDDEN), Model(arm(), HIDDEN)
-    (found,) = told_by_model(model, [run.with_signals(q=np.deg2rad(run["q"]))])
+    (found,) = told_by_model(model, [run.with_signals(q=np.deg2rad(run["q"]))], [run])
     assert (found.code, found.suggestion) == ("degrees", {"units": {"q": "rad"}})
     assert found.text.startswith("positions are 0.0175 times what the model knows of them")
     assert "in radians, and read as degrees" in found.text
@@ -99,7 +99,7 @@ def test_positions_in_another_unit_are_told_to_a_model():
 def test_runs_of_another_gain_are_no_test_of_a_model(factor):
     run, model = log(*HIDDEN), Model(arm(), HIDDEN)
     weak = replace(run.with_signals(tau=factor * run["tau"]), name="weak")
-    (found,) = told_by_model(model, [run, weak])
+    (found,) = told_by_model(model, [run, weak], [run])
     assert (found.code, found.severity, found.run) == ("torque_unit", "hard", "weak")
     times = float(found.text.removeprefix("measured torques are ").partition(" times what the model knows of them")[0])
     assert times == pytest.approx(factor, rel=0.02)
@@ -108,14 +108,30 @@ def test_runs_of_another_gain_are_no_test_of_a_model(factor):
     assert "torque_unit" not in doubts(model, weak)
     # A joint's own gain, or a payload, is for close-loop to name.
     one = replace(run.with_signals(tau=run["tau"] * [1.0, factor]), name="one")
-    assert told_by_model(model, [one]) == []
+    assert told_by_model(model, [one], [run]) == []
+
+
+def test_where_the_model_was_not_taught_a_torque_of_the_other_sign_is_no_fault_of_the_log():
+    """A spring that was learnt on one side of where it rests may be another one on the other side; but positions that
+    are turned round are there for being turned."""
+    run, model = log(*HIDDEN), Model(arm(), HIDDEN)
+    away = replace(run, name="away").with_signals(q=run["q"] + [0.0, 10.0])
+    turned_round = run.with_signals(tau=run["tau"] * [1.0, -1.0])
+    assert [f.code for f in told_by_model(model, [turned_round], [run])] == ["torque_sign"]
+    assert told_by_model(model, [turned_round], [away]) == []
+    # Of the other joint, which was there, it is told.
+    assert [f.joint for f in told_by_model(model, [run.with_signals(tau=run["tau"] * [-1.0, 1.0])], [away])] == [
+        "shoulder"
+    ]
+    mirrored = run.with_signals(q=run["q"] * [1.0, -1.0])
+    assert [f.code for f in told_by_model(model, [mirrored], [away])] == ["position_sign"]
 
 
 def test_a_load_or_worn_friction_of_the_only_joint_is_no_gain():
     table = Robot.from_text(TABLE, "table.urdf")
     rubbing = [Effect("viscous_friction", ("turn",), {"viscous_coefficient": v}) for v in (2.0, 6.0)]
     worn = excitation(table, rubbing[1:], duration=8.0, rate=200.0)
-    assert told_by_model(Model(table, tuple(rubbing[:1])), [worn]) == []
+    assert told_by_model(Model(table, tuple(rubbing[:1])), [worn], [worn]) == []
 
 
 @pytest.mark.parametrize("signals", [("q", "tau"), ("q",), ("tau",)])

@@ -213,6 +213,32 @@ def test_memory_stays_within_its_bounds_and_follows_the_motion(speed, dt, z):
         assert after == z
 
 
+def test_two_memories_of_one_displacement_are_two_where_their_levels_differ():
+    """Dahl's friction and LuGre's of one joint, and of the same presliding displacement: each with its own state, which
+    follows the motion as the prediction does; another Dahl's shares the first one's."""
+    robot = Robot.from_urdf(FINGER)
+    joint = (robot.joint_names[1],)
+    dahl = Effect("hysteresis_friction", joint, {"presliding_stiffness": 20.0, "coulomb_torque": 1.0})
+    over = Effect("coulomb_friction", joint, {"coulomb_torque": 0.5}, {"sign_displacement": 0.05})
+    numbers = {"presliding_stiffness": 40.0, "coulomb_torque": 2.0, "static_torque": 3.4, "micro_damping": 0.3}
+    lugre = Effect("hysteresis_friction", joint, {**numbers, "stribeck_velocity": 0.4}, {"law": "lugre"})
+    model = Model(robot, (dahl, over, lugre))
+    symbolic = SymbolicModel(model)
+    assert [m.law for m in symbolic.memories] == [None, 2]
+    time = np.arange(4000) / 2000.0
+    dq = 0.8 * np.outer(np.sin(7.0 * time), np.ones(3))
+    q = 0.8 / 7.0 * np.outer(1.0 - np.cos(7.0 * time), np.ones(3))
+    still = np.zeros(3)
+    ours = model.predict(q, dq, np.zeros_like(q), time)[:, 1]
+    state, theirs = np.zeros(2), []
+    for k in range(len(time)):
+        if k:
+            state = np.asarray(symbolic.advance(0.5 * (dq[k] + dq[k - 1]), time[1], state)).ravel()
+        theirs.append(float(np.asarray(symbolic.torque(q[k], dq[k], still, state)).ravel()[1]))
+    friction = ours - Model(robot).predict(q, dq, np.zeros_like(q), time)[:, 1]
+    np.testing.assert_allclose(theirs, ours, atol=1e-3 * np.abs(friction).max())
+
+
 def test_a_law_that_follows_accelerations_enters_the_masses(robot):
     """What a law has of ddq is part of what forward dynamics divides by: said by the function's own derivative."""
     own = [name for name in catalogue(everything=True) if family(name).changes_body]

@@ -92,6 +92,25 @@ def test_a_presliding_sign_is_bounded_takes_energy_and_solves_its_equation(corne
     assert np.all(work > -1e-3 * displacement - np.cumsum(np.abs(step) ** 3) / displacement**2)
 
 
+@settings(max_examples=60, deadline=None)
+@given(paths, st.floats(1e-3, 1e-1), st.integers(0, 2**16))
+def test_a_level_that_changes_on_the_way_is_followed_row_by_row(corners, displacement, seed):
+    """The maps of all rows, composed by pairs, against walking through them; its bound is the highest level so far."""
+    q = np.interp(np.linspace(0, len(corners) - 1, 40 * len(corners)), np.arange(len(corners)), corners)
+    level = np.random.default_rng(seed).uniform(1.0, 3.0, len(q))
+    z = presliding_sign(q, displacement, level)
+    step, middle, expected = np.diff(q), 0.5 * (level[1:] + level[:-1]), [0.0]
+    for dq, g in zip(step, middle, strict=True):
+        goal = g * np.sign(dq)
+        expected.append(goal + (expected[-1] - goal) * np.exp(-abs(dq) / (displacement * g)))
+    np.testing.assert_allclose(z, expected, atol=1e-12)
+    assert np.all(np.abs(z[1:]) <= np.maximum.accumulate(middle))
+    # One level all along is Dahl's law times that level.
+    np.testing.assert_allclose(
+        presliding_sign(q, displacement, np.full(len(q), 2.0)), 2.0 * presliding_sign(q, 2.0 * displacement), atol=1e-12
+    )
+
+
 def test_friction_that_would_drive_at_a_speed_seen_is_held_back():
     """Viscous and nonlinear coordinates (fv, f2, f3); the free fit turns negative at 2 rad/s."""
     speed = np.linspace(0.05, 2.0, 80)

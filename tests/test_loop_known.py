@@ -265,7 +265,7 @@ def test_what_was_known_beside_a_contradicted_name_alone_goes_with_it() -> None:
 
 
 def test_a_joint_that_ends_worse_loses_what_makes_it_so_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(confirm_module, "_ends_worse", lambda *_: np.array([True, True]))
+    monkeypatch.setattr(confirm_module, "ends_worse", lambda *_: np.array([True, True]))
     own, other = Term("coulomb_friction", 0), VISCOUS
 
     def asked(relative: float, first: float, second: float) -> Any:

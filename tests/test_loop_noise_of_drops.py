@@ -203,7 +203,7 @@ def test_a_joint_ends_worse_only_where_the_test_can_tell(monkeypatch: pytest.Mon
         model = Model(ROBOT).adding([Effect("torque_offset", (ELBOW,), {"offset": off})])
         monkeypatch.setattr(confirm_module, "moving_errors", lambda m, _: [left + bool(m.effects) * moved])
         test: Any = SimpleNamespace(time=np.arange(len(left)) / rate)
-        return [bool(w) for w in confirm_module._ends_worse(judge, Model(ROBOT), model, [test])]
+        return [bool(w) for w in confirm_module.ends_worse(judge, Model(ROBOT), model, [test])]
 
     # Worse by 29 +- 42 %; the same of a long test is 29 +- 11 %; and what is far off shows in little.
     assert worse(1, 0.3) == [False, False]

@@ -36,7 +36,7 @@ MISSED = {
     "checked": "0", "within": "0",
 }  # fmt: skip
 WRONG = {"named": "armature", "nothing_wrong_named": False, "wrong": "armature@j1"}
-STRANGE = {"unknown_forms": "lugre", "verdict": "partly_explained", **WRONG}
+STRANGE = {"unknown_forms": "stribeck_1/2", "verdict": "partly_explained", **WRONG}
 
 
 def table(*more: dict[str, Any]) -> pd.DataFrame:
@@ -108,8 +108,8 @@ def test_a_law_outside_the_catalogue_is_judged_by_its_verdict_and_no_wrong_name_
     assert not unmet(
         *honest, case("u", **{**STRANGE, "verdict": "explained", "wrong": "", "nothing_wrong_named": True})
     )
-    # Dahl's law where LuGre's was hidden is not the name of another effect.
-    law = {**STRANGE, "verdict": "explained", "wrong": "", "other_laws": "hysteresis_friction@j1"}
+    # Stribeck's law where one of another exponent was hidden is not the name of another effect.
+    law = {**STRANGE, "verdict": "explained", "wrong": "", "other_laws": "stribeck_friction@j1"}
     assert not unmet(*honest, case("u", **law))
 
 
@@ -121,7 +121,7 @@ def test_effects_are_taken_apart_and_names_stand_where_their_cause_sits():
         case("d"),
         case("e", "armature", **MISSED, sizes="0.5"),
         case("f", "payload", hidden_joints="-", **{**MISSED, "outcomes": "listed"}, stand_ins="link_inertia@j6"),
-        case("g", **{**STRANGE, "wrong": ""}, other_laws="hysteresis_friction@j1"),
+        case("g", **{**STRANGE, "wrong": ""}, other_laws="stribeck_friction@j1"),
     ]
     cases = pd.DataFrame(rows)
     effects = effects_of(cases)
@@ -129,9 +129,9 @@ def test_effects_are_taken_apart_and_names_stand_where_their_cause_sits():
     assert list(effects["size"]) == [9.0, 0.4, 5.0, 0.5, 5.0]
     assert list(missing(cases)) == [True, True, True, False, False, True, True]
     assert sorted(pairs(cases).itertuples(index=False, name=None)) == [
-        ("armature", "nothing"), ("armature", "nothing"), ("lugre", "armature"),
-        ("lugre", "hysteresis_friction"), ("nothing", "nothing"),
+        ("armature", "nothing"), ("armature", "nothing"), ("nothing", "nothing"),
         ("nothing", "torque_gain"), ("payload", "link_inertia"), ("payload", "payload"),
+        ("stribeck_1/2", "armature"), ("stribeck_1/2", "stribeck_friction"),
         ("viscous_friction", "coulomb_friction"),
     ]  # fmt: skip
 
@@ -155,7 +155,7 @@ def test_the_page_counts_every_hidden_effect_against_its_size(tmp_path: Path) ->
     assert re.search(r"6 to 12</td>.*?2 of 2 \(95 % interval 16 to 100 %\)", html, re.S)
     assert html.count('class="drawn"') == 2  # long and short logs
     confusion = html[html.index('class="confusion"') :]
-    assert "lugre" in confusion
+    assert "stribeck_1/2" in confusion
     assert "A form it lacks" in html
     assert "Listed alternatives: 1.00 a case" in html
     assert "9.0 s (median)" in html

@@ -33,6 +33,18 @@ CASES = {
     ),
     "load": Effect("load_dependent_friction", ELBOW, {"load_coefficient": 0.2}),
     "dahl": Effect("hysteresis_friction", ELBOW, {"presliding_stiffness": 40.0, "coulomb_torque": 1.0}),
+    "lugre": Effect(
+        "hysteresis_friction",
+        ELBOW,
+        {
+            "presliding_stiffness": 40.0,
+            "coulomb_torque": 1.0,
+            "static_torque": 1.6,
+            "micro_damping": 0.5,
+            "stribeck_velocity": 0.2,
+        },
+        {"law": "lugre"},
+    ),
     "offset": Effect("torque_offset", ELBOW, {"offset": 1.0}),
     "spring": Effect("joint_spring", ELBOW, {"stiffness": 3.0, "rest_position": 0.2}, {"shape": "sine"}),
     "ripple": Effect("torque_ripple", ELBOW, {"amplitude": 0.6, "harmonic": 9.0, "phase": 0.5}),

@@ -13,6 +13,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_dynamics.check.columns import columns_of, standing
 from hybrid_dynamics.check.completed import Completed, body_of, true_stretches
@@ -32,6 +33,8 @@ SILENT = 1e-18
 #: One factor is that of at least two joints whose torque is this share of the largest (rms), by so much (natural
 #: logarithm) at most.
 STRONG, ALIKE = 0.05, 0.3
+#: Most of the samples, and of the joints, are more than this share.
+MOSTLY = 0.5
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,12 @@ class _Reading:
             for p in parts
         ]
 
+    def is_known(self, known: NDArray[np.bool_]) -> bool:
+        """Whether a model that is ``known`` (n,) where joints are can tell it: of torques of theirs; what moves the
+        positions moves them away from there."""
+        own = known[list(self.joints)] if self.joints else known
+        return "q" in self.signals or bool(np.mean(own) > MOSTLY or own.all())
+
     @property
     def moved(self) -> dict[str, Any]:
         """What happens to the positions, for :func:`columns_of`."""
@@ -74,10 +83,14 @@ class _Reading:
         return {"swap": self.joints} if self.exchanged else {"mirror": self.joints[0]}
 
 
-def check_known(model: Robot | Completed, runs: Sequence[Trajectory], gains: bool = False) -> list[Finding]:
+def check_known(
+    model: Robot | Completed, runs: Sequence[Trajectory], gains: bool = False, taught: Sequence[Trajectory] = ()
+) -> list[Finding]:
     """A hard finding where ``model`` hits the torque of ``runs`` (``q tau`` on uniform grids) read otherwise only.
 
     With ``gains`` all torques may be wrong by one factor, too: of a log that is predicted along, none of its business.
+    ``taught``: the runs from which the model was learnt, if they are known. Of the torque of a joint that is mostly
+    where these have not been it says nothing: there a law that was learnt may have the other sign.
     """
     parts = few_rows(true_stretches(model, runs))
     if not parts:
@@ -95,7 +108,9 @@ def check_known(model: Robot | Completed, runs: Sequence[Trajectory], gains: boo
     told = left(_Reading(len(names)))
     if not np.any(told > MISSED):
         return []
-    tried = [(reading, left(reading)) for reading in (*_readings(len(names)), *_units(model, parts, gains))]
+    known = _been_there(parts, taught, len(names))
+    readings = (*_readings(len(names)), *_units(model, parts, gains))
+    tried = [(reading, left(reading)) for reading in readings if reading.is_known(known)]
     reading, best = min(tried, key=lambda pair: float(np.sum(np.log(pair[1] + FLOOR))))
     better = told - best > MISSED
     if not better.any() or np.any(best[better] > HIT) or np.any(best > told + WORSE):
@@ -103,11 +118,20 @@ def check_known(model: Robot | Completed, runs: Sequence[Trajectory], gains: boo
     return [_finding(reading, names, float(told[better].max()), float(best[better].max()))]
 
 
-def told_by_model(model: Completed, runs: Sequence[Trajectory]) -> list[Finding]:
-    """:func:`check_known` of each of ``runs`` that ``model`` was not learnt from."""
-    found = ((run, f) for run in runs for f in check_known(model, [run], gains=True))
+def told_by_model(model: Completed, runs: Sequence[Trajectory], taught: Sequence[Trajectory]) -> list[Finding]:
+    """:func:`check_known` of each of ``runs`` that ``model``, learnt from those that ``taught`` it, was not."""
+    found = ((run, f) for run in runs for f in check_known(model, [run], gains=True, taught=taught))
     by = "by the model that the training runs teach; one of the two is read wrongly"
     return [replace(f, run=run.name, text=f"{f.text} ({by})") for run, f in found]
+
+
+def _been_there(parts: Sequence[Stretch], taught: Sequence[Trajectory], n: int) -> NDArray[np.bool_]:
+    """(n,) joints that are mostly at positions between those of the runs that ``taught`` the model; all without any."""
+    if not taught:
+        return np.ones(n, bool)
+    low, high = (f([f(run["q"], axis=0) for run in taught], axis=0) for f in (np.min, np.max))
+    q = np.concatenate([p.q for p in parts])
+    return np.asarray(np.mean((q >= low) & (q <= high), axis=0) >= MOSTLY)
 
 
 def _readings(n: int) -> Iterator[_Reading]:

@@ -153,7 +153,7 @@ class Effect:
                 f"effect {self.effect}: parameters are {', '.join(sorted(self.parameters)) or 'none'}; "
                 f"expected {', '.join(names) or 'none'}"
             )
-        check_refined(self.effect, known.nonlinear_settings, known.setting_values, self.parameters)
+        check_refined(self.effect, known.nonlinear_of(settings), known.setting_values, self.parameters)
         expected = (0,) if known.scope == "robot" else (0, 1) if known.shared else (1,)
         if len(self.joints) not in expected:
             raise InputError(f"effect {self.effect}: {len(self.joints)} joints are named; expected {expected[-1]}")
@@ -213,6 +213,19 @@ class Family(Law):
         """Laws of the same place whose columns are the same at zero: only the laws themselves tell them apart."""
         return []
 
+    def richer(self, own: Sequence[Term]) -> list[Term]:
+        """Laws of this family, all of one place, of more numbers than are asked for unnamed, that effects ``own`` of a
+        joint may stand for: starts, from where these are."""
+        return []
+
+    def plainer(self, term: Term) -> Term | None:
+        """What a richer law at ``term`` (:meth:`richer`) is where it needs none of its further numbers."""
+        return None
+
+    def is_known(self, effect: Effect) -> bool:
+        """Whether the further numbers of a richer law (:meth:`richer`) are known, from their standard errors."""
+        return True
+
     def is_wide(self, term: Term) -> bool:
         """True where ``term`` shows in several joints' torques: only looked for with every joint's own effects in."""
         return self.scope != "joint"
@@ -267,7 +280,7 @@ class Family(Law):
 
     def refined_at(self, term: Term) -> tuple[Refined, ...]:
         """Numbers among the settings of ``term`` that were fitted: what they leave open the parameters share."""
-        return self.nonlinear_settings
+        return self.nonlinear_of(term.options)
 
     def setting_columns(self, motion: Motion, term: Term, x: Array) -> Array:
         """Derivative of the torque at ``x`` with respect to :meth:`refined_at`: as :meth:`columns`, (..., m)."""
@@ -374,7 +387,7 @@ class Family(Law):
         places = self.terms(robot, moving, {"sign_widths": (0.0,)})
         term = places[int(rng.integers(len(places)))]
         values = {}
-        for r in self.nonlinear_settings:
+        for r in self.nonlinear_of(term.options):
             u = float(rng.uniform(0.1, 0.9))
             values[r.name] = float(r.low * (r.high / r.low) ** u) if r.log else r.low + u * (r.high - r.low)
         return term.refined(**values) if values else term

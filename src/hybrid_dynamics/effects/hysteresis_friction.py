@@ -2,23 +2,37 @@
 
 Written with z scaled to Fc: tau = Fc z, dz/dq = (1 - z sign(dq)) / s with the presliding displacement s = Fc/K, which
 is what is refined; given s the torque is linear in Fc. The published stiffness is K = Fc/s.
+
+Setting ``law`` ``lugre``: the level falls with the speed as Stribeck's, g = Fc + (Fs - Fc) exp(-(dq/vs)^2), and
+dz/dt = dq - abs(dq) z K/g, and the micro-damping c of dz/dt (in radians) adds to it: the friction of Canudas de Wit,
+Olsson, Astrom and Lischinsky (IEEE TAC 40(3), 1995, eqs. 1 to 3). Coordinates (Fc, c); the ratio Fs/Fc and the Stribeck
+velocity vs are refined, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hybrid_dynamics.effects.base import Family, Term, register
-from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
+from hybrid_dynamics.effects.base import Effect, Family, Term, register
+from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, Settings, State
+from hybrid_dynamics.effects.stribeck_friction import MOST_FALL, VELOCITY
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
-DISPLACEMENT = "presliding_displacement"
+DISPLACEMENT, RATIO = "presliding_displacement", "static_ratio"
+LAW, DAHL, LUGRE = "law", "dahl", "lugre"
 #: Displacements [rad] the search starts from; what is shorter is how Coulomb friction turns over (effects/sign.py).
 _GRID = (4e-3, 2e-2, 1e-1)
+#: LuGre's law starts from: speeds [rad/s], and friction at rest over that in motion.
+_SPEEDS, _RATIO = (0.03, 0.1, 0.3), 1.5
+STRIBECK = "stribeck_friction"
+#: Standard errors beyond which a number of LuGre's law is known.
+_SURE = 2.0
+_LEAST = 1e-12
 
 
 @register
@@ -26,12 +40,26 @@ class HysteresisFriction(Family):
     name = "hysteresis_friction"
     scope = "joint"
     is_friction = True
-    equation = r"\tau = K z,\quad \dot z = \dot q - |\dot q|\,z\,K / F_c"
-    parameters = (Parameter("presliding_stiffness", "N m/rad"), Parameter("coulomb_torque", "N m"))
+    known_settings = (LAW,)
+    equation = (
+        r"\tau = K z,\quad \dot z = \dot q - |\dot q|\,z\,K / g,\quad g = F_c\quad\text{or}\quad "
+        r"\tau = K z + c\,\dot z,\ g = F_c + (F_s - F_c)\,e^{-(\dot q / v_s)^2}"
+    )
+    parameters = (
+        Parameter("presliding_stiffness", "N m/rad"),
+        Parameter("coulomb_torque", "N m"),
+        Parameter("static_torque", "N m"),
+        Parameter("micro_damping", "N m s/rad"),
+        Parameter(VELOCITY, "rad/s"),
+    )
     size = 1
     searched = False
     says_where = ("presliding_stiffness",)
-    nonlinear_settings = (Refined(DISPLACEMENT, 1e-3, 0.5),)
+    nonlinear_settings = (
+        Refined(DISPLACEMENT, 1e-3, 0.5),
+        Refined(RATIO, 1.0, MOST_FALL),
+        Refined(VELOCITY, 0.01, 1.0),
+    )
     contains = ("coulomb_friction",)
     drawn_against = "q"
     shown_by = "the joint reverses within a few hundredths of a radian, again and again"
@@ -51,26 +79,105 @@ class HysteresisFriction(Family):
     def grid(self, options: Mapping[str, Any]) -> list[Settings]:
         return [((DISPLACEMENT, s),) for s in _GRID]
 
+    def nonlinear_of(self, settings: Mapping[str, Any]) -> tuple[Refined, ...]:
+        return self.nonlinear_settings if _falls(settings) else self.nonlinear_settings[:1]
+
+    def richer(self, own: Sequence[Term]) -> list[Term]:
+        """LuGre's friction in the place of Dahl's or Stribeck's."""
+        alike = [t for t in own if t.effect in (self.name, STRIBECK) and not _falls(t.options)]
+        if not alike or any(_falls(t.options) for t in own):
+            return []
+        at = {name: value for t in alike for name, value in t.options.items()}
+        ways = [at[DISPLACEMENT]] if DISPLACEMENT in at else _GRID
+        speeds = [at[VELOCITY]] if VELOCITY in at else _SPEEDS
+        values = [{DISPLACEMENT: s, LAW: LUGRE, RATIO: _RATIO, VELOCITY: v} for s in ways for v in speeds]
+        return [Term(self.name, alike[0].joint, tuple(sorted(v.items()))) for v in values]
+
+    def plainer(self, term: Term) -> Term | None:
+        """Dahl's friction in the place of LuGre's."""
+        return replace(term, settings=((DISPLACEMENT, term.options[DISPLACEMENT]),)) if _falls(term.options) else None
+
+    def is_known(self, effect: Effect) -> bool:
+        """The stiffness, both levels, what one rises over the other, and its speed, each beyond :data:`_SURE` standard
+        errors; micro-damping shows within the presliding displacement alone, and may be nothing."""
+        values, errors = dict(effect.parameters), dict(effect.std_errors)
+        if not _falls(effect.settings):
+            return True
+        least, most = "coulomb_torque", "static_torque"
+        values["rise"] = values[most] - values[least]
+        errors["rise"] = float(np.hypot(errors[most], errors[least]))
+        return all(v > _SURE * errors[name] for name, v in values.items() if name != "micro_damping")
+
+    def size_of(self, term: Term) -> int:
+        return 2 if _falls(term.options) else 1
+
+    def covers(self, term: Term, special: Term) -> bool:
+        rise = _falls(term.options) and special.effect == STRIBECK and special.joint == term.joint
+        return rise or super().covers(term, special)
+
+    def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
+        names = tuple(p.name for p in self.parameters)
+        return names if _falls(settings) else names[:2]
+
     def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
-        return {"dry_friction": parameters["coulomb_torque"], "gradual_reversal": 1.0}
+        least = parameters["coulomb_torque"]
+        out = {"dry_friction": least, "gradual_reversal": 1.0}
+        return out | {"stribeck_rise": parameters["static_torque"] - least} if _falls(settings) else out
 
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
-        return parameters["coulomb_torque"] * (xp.sign(at.own_dq) if at.z is None else at.z)
+        level = self.memory_level(xp, at.own_dq, parameters, settings)
+        z = level * xp.sign(at.own_dq) if at.z is None else at.z
+        if not _falls(settings):
+            return parameters["coulomb_torque"] * z
+        rate = at.own_dq - xp.abs(at.own_dq) * z / level
+        return parameters["coulomb_torque"] * z + parameters["micro_damping"] * rate
 
     def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
         if parameters["coulomb_torque"] <= 0 or parameters["presliding_stiffness"] <= 0:
             return None
         return parameters["coulomb_torque"] / parameters["presliding_stiffness"]
 
+    def memory_level(self, xp: Any, dq: Any, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        if not _falls(settings) or parameters["coulomb_torque"] <= 0:
+            return 1.0
+        ratio, speed = parameters["static_torque"] / parameters["coulomb_torque"], dq / parameters[VELOCITY]
+        return 1.0 + (ratio - 1.0) * xp.exp(-speed * speed)
+
+    def columns(self, motion: Motion, term: Term) -> Array:
+        whole = super().columns(motion, term)
+        if _falls(term.options):
+            # Micro-damping alone has no state to follow: beside the level of the first column it has that one's.
+            both = self.parameters_of(np.ones(2), motion.robot, term)
+            whole[:, 1] = self.along(motion.state(term.index), both, term.options) - whole[:, 0]
+        return whole
+
     def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
-        return np.zeros(1)
+        return np.zeros(self.size if term is None else term.size)
 
     def setting_values(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        stiffness = max(parameters["presliding_stiffness"], 1e-12)
-        return {DISPLACEMENT: max(parameters["coulomb_torque"] / stiffness, 1e-9)}
+        least = parameters["coulomb_torque"]
+        values = {DISPLACEMENT: max(least / max(parameters["presliding_stiffness"], _LEAST), 1e-9)}
+        if VELOCITY not in parameters:
+            return values
+        return values | {RATIO: parameters["static_torque"] / max(least, _LEAST), VELOCITY: parameters[VELOCITY]}
 
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
-        return {"presliding_stiffness": float(x[0]) / term.options[DISPLACEMENT], "coulomb_torque": float(x[0])}
+        least, own = float(x[0]), term.options
+        values = {"presliding_stiffness": least / own[DISPLACEMENT], "coulomb_torque": least}
+        if not _falls(own):
+            return values
+        return values | {
+            "static_torque": least * own[RATIO],
+            "micro_damping": float(x[1]),
+            VELOCITY: float(own[VELOCITY]),
+        }
 
     def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
-        return np.array([parameters["coulomb_torque"]])
+        return np.array(
+            [parameters["coulomb_torque"], *([parameters["micro_damping"]] if _falls(term.options) else [])]
+        )
+
+
+def _falls(settings: Mapping[str, Any]) -> bool:
+    """True where the level of friction falls with the speed."""
+    return bool(settings.get(LAW, DAHL) == LUGRE)

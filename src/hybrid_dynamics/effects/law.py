@@ -5,9 +5,10 @@ namespace ``xp``: columns, prediction, forward simulation and every export come 
 tanh abs sign sqrt where minimum maximum`` (NumPy does; for CasADi or C a small object with these names does). What the
 law sees is a :class:`State`: quantities of all joints, indexed by joint, as arrays (T,) or as symbols.
 
-**Memory.** Friction that follows the distance since the last reversal has one state z, dz/dt = (dq - abs(dq) z) / s
-(Dahl 1968, scaled to abs(z) <= 1); :meth:`Family.presliding` gives the presliding displacement s [rad], or None without
-memory; the law reads ``at.z``.
+**Memory.** Friction that follows the distance since the last reversal has one state z, dz/dt = (dq - abs(dq) z / g) / s
+(Dahl 1968 with g = 1, scaled to abs(z) <= 1; Canudas de Wit et al. 1995 with a g that falls with the speed);
+:meth:`Family.presliding` gives the presliding displacement s [rad], or None without memory, :meth:`Family.memory_level`
+the level g; the law reads ``at.z``.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from hybrid_dynamics.effects.declared import Declared
 from hybrid_dynamics.effects.keys import joint_number, split_key
 from hybrid_dynamics.effects.sign import presliding_sign
-from hybrid_dynamics.effects.state import State
+from hybrid_dynamics.effects.state import Refined, State
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
@@ -48,11 +49,16 @@ class Law(Declared, ABC):
         """Distance s [rad] of the memory that ``at.z`` holds, or None where the law has none."""
         return None
 
+    def memory_level(self, xp: Any, dq: Any, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+        """Level g >= 0 that the memory comes to while the joint goes on at ``dq``, over the namespace ``xp``."""
+        return 1.0
+
     def along(self, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Array:
         """The law (T,) over one run, rows in the order of time: its memory runs along."""
         displacement = self.presliding(parameters, settings)
         if displacement is not None:
-            at = replace(at, z=presliding_sign(at.own_q, displacement))
+            level = self.memory_level(np, at.own_dq, parameters, settings)
+            at = replace(at, z=presliding_sign(at.own_q, displacement, None if np.ndim(level) == 0 else level))
         return np.broadcast_to(self.law(np, at, parameters, settings), np.shape(at.own_dq)).astype(float)
 
     def partner(self, robot: Robot, settings: Mapping[str, Any]) -> int | None:
@@ -72,6 +78,10 @@ class Law(Declared, ABC):
     def setting_values(self, parameters: Mapping[str, float]) -> dict[str, float]:
         """Nonlinear parameters of published ones, as they stand in a term's settings."""
         return {r.name: float(parameters[r.name]) for r in self.nonlinear_settings}
+
+    def nonlinear_of(self, settings: Mapping[str, Any]) -> tuple[Refined, ...]:
+        """Those of :attr:`nonlinear_settings` that an effect with ``settings`` has."""
+        return self.nonlinear_settings
 
     def price(self, settings: Mapping[str, Any]) -> int:
         """What it costs beside an explanation that is as good: its published numbers."""

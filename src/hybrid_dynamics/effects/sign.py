@@ -63,12 +63,15 @@ def displacement_of(settings: Mapping[str, Any]) -> float | None:
     return float(settings[SIGN_DISPLACEMENT]) if SIGN_DISPLACEMENT in settings else None
 
 
-def presliding_sign(q: Array, displacement: float) -> Array:
+def presliding_sign(q: Array, displacement: float, level: Array | None = None) -> Array:
     """z (T,) along positions ``q`` (T,) [rad] of one run; 0 at its first row, whose past nobody knows.
 
     Between two reversals Dahl's equation has a closed form in the distance; only reversals are walked through.
+    ``level`` (T,): what z comes to at the speed of each row, else 1 (:func:`_relaxed`).
     """
     step = np.diff(q)
+    if level is not None:
+        return _relaxed(step, displacement, 0.5 * (level[1:] + level[:-1]))
     way = np.sign(step)
     moved = np.flatnonzero(way)
     if len(moved) == 0:
@@ -85,3 +88,19 @@ def presliding_sign(q: Array, displacement: float) -> Array:
         out[low + 1 : high + 1] = way[low] + left
         z = float(out[high])
     return out
+
+
+def _relaxed(step: Array, displacement: float, level: Array) -> Array:
+    """z (T,) over ``step`` (T - 1,) [rad] with the ``level`` (T - 1,) of each: dz/dq = (1 - z sign(dq) / level) / s.
+
+    Exact for a level that is constant within a step: z becomes a z + b. Such maps are composed by pairs of twice the
+    distance each time (Hillis and Steele, CACM 29(12), 1986), until nothing is left of where z began.
+    """
+    keeps = np.exp(-np.abs(step) / (displacement * level))
+    z = np.sign(step) * level * (1.0 - keeps)
+    reach = 1
+    while reach < len(z) and np.any(keeps[reach:]):
+        z[reach:] += keeps[reach:] * z[:-reach]
+        keeps[reach:] *= keeps[:-reach].copy()
+        reach *= 2
+    return np.concatenate([[0.0], z])

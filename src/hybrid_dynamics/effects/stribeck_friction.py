@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects.base import Family, Term, register
-from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH, sign_of
+from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT, WIDTH, displacement_of, sign_of
 from hybrid_dynamics.effects.state import Equivalence, Parameter, Refined, Settings, State
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
@@ -25,7 +25,7 @@ _GRID = (0.03, 0.1, 0.3)
 _HIDES = 0.02
 #: Friction at rest of more than so many times that in motion no drive has: in tables of dry and of lubricated contacts
 #: it is at most a few times as large.
-_MOST_FALL = 10.0
+MOST_FALL = 10.0
 
 
 @register
@@ -73,13 +73,16 @@ class StribeckFriction(Family):
         extra = parameters["static_torque"] - parameters["coulomb_torque"]
         return (parameters["coulomb_torque"] + extra * xp.exp(-ratio * ratio)) * sign_of(xp, dq, settings, at.z)
 
+    def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
+        return displacement_of(settings)
+
     def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(2)
 
     def is_none(self, x: Array, term: Term, dry_friction: float) -> bool:
         """All dry friction of the joint together next to nothing in faster motion: seen in slow motion alone, anything
         that falls makes it, and where the joint moves faster it would have none."""
-        return bool(_MOST_FALL * dry_friction < dry_friction + x[1])
+        return bool(MOST_FALL * dry_friction < dry_friction + x[1])
 
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         return {

@@ -37,11 +37,13 @@ class Namespace:
 
 @dataclass(frozen=True)
 class Memory:
-    """One state of the exported model: ``joint`` (None: elapsed time), its presliding ``displacement`` [rad]."""
+    """One state of the exported model: ``joint`` (None: elapsed time), its presliding ``displacement`` [rad] and the
+    number of the ``law`` whose level follows the speed (None: it comes to 1)."""
 
     name: str
     joint: int | None = None
     displacement: float = 0.0
+    law: int | None = None
 
 
 class SymbolicModel:
@@ -62,18 +64,32 @@ class SymbolicModel:
         self.state = cs.SX.sym("state", len(self.memories))
 
     def _memories(self) -> list[Memory]:
-        """Friction states, one for each joint and displacement, and the elapsed time where a law depends on it."""
-        found: dict[tuple[int, float], Memory] = {}
-        for effect, kind in self.laws:
-            displacement = kind.presliding(effect.parameters, effect.settings)
-            for joint, _ in kind.rows(self.model.robot, effect.term(self.model.robot)):
-                if displacement is not None:
-                    found[joint, displacement] = Memory(
-                        f"z of {self.model.robot.joint_names[joint]}", joint, displacement
-                    )
+        """Friction states, one for each joint and displacement, or for a law whose level follows the speed, and the
+        elapsed time where a law depends on it."""
+        found: dict[Memory, None] = {}
+        for k, (effect, kind) in enumerate(self.laws):
+            rows = kind.rows(self.model.robot, effect.term(self.model.robot))
+            found |= {memory: None for joint, _ in rows if (memory := self._memory(k, joint)) is not None}
         time, no_state = cs.SX.sym("time"), dict.fromkeys(found, cs.SX(0))
         torque = self._laws(self.q, self.tau_model, {}, no_state, time)
-        return [*found.values(), *([Memory(ELAPSED)] if cs.depends_on(torque, time) else [])]
+        return [*found, *([Memory(ELAPSED)] if cs.depends_on(torque, time) else [])]
+
+    def _memory(self, k: int, joint: int) -> Memory | None:
+        """The state that the k-th law has at ``joint``, or None."""
+        effect, kind = self.laws[k]
+        displacement = kind.presliding(effect.parameters, effect.settings)
+        if displacement is None:
+            return None
+        level = kind.memory_level(Namespace, self.dq[joint], effect.parameters, effect.settings)
+        own = None if cs.SX(level).is_constant() else k
+        return Memory(f"z of {self.model.robot.joint_names[joint]}", joint, displacement, own)
+
+    def _level(self, memory: Memory) -> Any:
+        """What the friction state comes to at the speed of its joint."""
+        if memory.law is None or memory.joint is None:
+            return 1.0
+        effect, kind = self.laws[memory.law]
+        return kind.memory_level(Namespace, self.dq[memory.joint], effect.parameters, effect.settings)
 
     @property
     def inputs(self) -> dict[str, cs.SX]:
@@ -142,8 +158,10 @@ class SymbolicModel:
                 after.append(self.state[k] + self.dt)
                 continue
             speed = self.dq[memory.joint]
-            way = cs.sign(speed)
-            after.append(way + (self.state[k] - way) * cs.exp(-cs.fabs(speed) * self.dt / memory.displacement))
+            level = self._level(memory)
+            goal = level * cs.sign(speed)
+            left = cs.exp(-cs.fabs(speed) * self.dt / (memory.displacement * level))
+            after.append(goal + (self.state[k] - goal) * left)
         out = cs.vertcat(*after) if after else cs.SX(0, 1)
         return self._function("advance", {"dq": self.dq, "dt": self.dt, "state": self.state}, out)
 
@@ -168,7 +186,7 @@ class SymbolicModel:
     def _read(self, load: cs.SX, read: Mapping[str, Any], changed: Mapping[int, Any] | None = None) -> cs.SX:
         """Recorded torque where the rigid body needs ``load``."""
         q = self.q + cs.vertcat(*(cs.SX(o) for o in read["offset"]))
-        z = {(m.joint, m.displacement): self.state[k] for k, m in enumerate(self.memories) if m.joint is not None}
+        z = {memory: self.state[k] for k, memory in enumerate(self.memories) if memory.joint is not None}
         time = next((self.state[k] for k, m in enumerate(self.memories) if m.joint is None), None)
         return (load + self._laws(q, load, changed or {}, z, time)) * cs.vertcat(*(cs.SX(g) for g in read["gain"]))
 
@@ -177,10 +195,10 @@ class SymbolicModel:
         out = [cs.SX(0)] * self.n
         for k, (effect, kind) in enumerate(self.laws):
             parameters = changed.get(k, effect.parameters)
-            displacement = kind.presliding(effect.parameters, effect.settings)
             for joint, partner in kind.rows(self.model.robot, effect.term(self.model.robot)):
-                memory = None if displacement is None else z[joint, displacement]
-                at = State(q, self.dq, self.ddq, load, joint, partner, time, memory)
+                memory = self._memory(k, joint)
+                state = None if memory is None else z[memory]
+                at = State(q, self.dq, self.ddq, load, joint, partner, time, state)
                 out[joint] = out[joint] + kind.law(Namespace, at, parameters, effect.settings)
         return cs.vertcat(*out)
 

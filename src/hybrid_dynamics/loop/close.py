@@ -133,7 +133,7 @@ def _close(
     progress(0.8, "asking the test runs")
     full = found.model(found.terms)
     # What the training runs teach leaves nothing open of how the test runs are read.
-    refuse_hard(told_by_model(full, plausible.test))
+    refuse_hard(told_by_model(full, plausible.test, plausible.train))
     said = confirm(judge, base, full, found, logs.test, terms)
     runs = [*logs.train, *logs.test]
     left = [run.tau - predict_run(said.model, run) for run in runs]

@@ -158,7 +158,7 @@ def confirm(
         own,
         kept,
         model,
-        lambda m: _ends_worse(judge, base, m, tests),
+        lambda m: ends_worse(judge, base, m, tests),
         lambda m: _squares(moving_errors(m, tests)),
     )
     inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]
@@ -247,7 +247,7 @@ def _harm_to_its_joint(
     return replace(once, contradicts=True, alone=True) if spoils else None
 
 
-def _ends_worse(judge: Judge, base: Model, model: Model, tests: Sequence[Run]) -> NDArray[np.bool_]:
+def ends_worse(judge: Judge, base: Model, model: Model, tests: Sequence[Run]) -> NDArray[np.bool_]:
     """(n,) joints of which ``model`` leaves more of ``tests`` than ``base``: by :data:`WORSE`, and beyond its error."""
     new, old = (moving_errors(m, tests) for m in (model, base))
     alone = [change_of(judge, new, old, tests, own, 1) for own in np.eye(judge.evidence.n)]
@@ -264,7 +264,7 @@ def _worse_joints(
 ) -> list[Term]:
     """Names that make a joint end surely worse than it began: its own, and those of other joints that help neither
     theirs nor the whole."""
-    worse = np.flatnonzero(_ends_worse(judge, base, model, tests))
+    worse = np.flatnonzero(ends_worse(judge, base, model, tests))
 
     def harms(s: Term) -> bool:
         if s.joint in worse and asked[s].per_joint[s.joint] > PRACTICAL:

@@ -131,7 +131,7 @@ class Diagnosis:
     ``unproven_share``: why not, where a black box removes so much on held-out rows, which may be chance (else 0);
     ``worse_on_test``: the test runs leave surely more than the training runs; ``beyond_friction`` (rms) is left while
     the joint stands and more than friction holds (else 0); ``better_with_everything``: a fit of all that arms have at
-    once leaves surely and much less of the test runs; ``worse_than_start``: the starting model leaves surely less of
+    once leaves surely and much less of the test runs; ``worse_than_start``: the starting model leaves less of
     them; ``untested``: these say nothing of the joint.
     ``prismatic`` joints slide: [N] and [m] in the place of [N m] and [rad].
 

@@ -36,6 +36,7 @@ from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.partner import notes_of, partner_open
 from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
+from hybrid_dynamics.loop.richer import plainer_laws, richer_laws
 from hybrid_dynamics.loop.runs import pool, split_by_run, wholes_of
 from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, search
@@ -176,7 +177,7 @@ def _sifted(
         rest = [t for t in chosen if t not in lost]
         others = elsewhere(candidates, lost)
         judge, chosen = without_noise(*complete(judge, rest, others, common))
-    judge, chosen = with_rest(*one_for_two(judge, chosen))
+    judge, chosen = plainer_laws(*with_rest(*one_for_two(judge, chosen)))
     return _Sifted(judge, chosen, unsure, others, unknown, steps)
 
 
@@ -236,7 +237,7 @@ def _as_few_bodies(
 
 def _in_simplest_form(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
     """``chosen`` in the plainest laws that do as well, and the judge there."""
-    return choose_forms(*slow_signs(*merge_forms(*simplify(*reshaped(judge, chosen), candidates))))
+    return choose_forms(*richer_laws(*slow_signs(*merge_forms(*simplify(*reshaped(judge, chosen), candidates)))))
 
 
 def _refined(

@@ -331,7 +331,8 @@ def at_the_end(terms: Sequence[Term]) -> list[Term]:
         term
         for term in terms
         if any(
-            stands_at_end(float(term.options[r.name]), r.low, r.high, r.log) for r in term.family().nonlinear_settings
+            stands_at_end(float(term.options[r.name]), r.low, r.high, r.log)
+            for r in term.family().nonlinear_of(term.options)
         )
     ]
 
@@ -356,7 +357,7 @@ def refine(
         for i, term in enumerate(out):
             if places is not None and term.place not in places:
                 continue
-            for r in term.family().nonlinear_settings:
+            for r in term.family().nonlinear_of(term.options):
                 start = float(out[i].options[r.name])
                 # A grid value is right to a factor of two or so; a harmonic to a quarter period over the range seen.
                 reach = max(0.5, np.pi / 2 / max(_span(judge, term), 1e-3))

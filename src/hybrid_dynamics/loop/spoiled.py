@@ -1,4 +1,4 @@
-"""Joints of which the delivered model leaves surely more of the test runs than the starting model did.
+"""Joints of which the delivered model leaves more of the test runs than the starting model did.
 
 Names, links and tilts that the arm needs as a whole may cost one joint: where joints turn one way only, the training
 runs do not say which of several splits is true, and the test runs move otherwise. No single name is to blame then (what
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.units import unit_at
-from hybrid_dynamics.loop.confirm import WORSE, change_of, moving_errors
+from hybrid_dynamics.loop.confirm import WORSE, ends_worse, moving_errors
 from hybrid_dynamics.loop.everything import WORTH
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
@@ -28,7 +28,7 @@ SPOILED = "worse than the starting model on the test runs"
 @dataclass(frozen=True)
 class Spoiled:
     """Per joint (n,): what the model and the ``start`` leave of the test runs in motion, rms [N m], and ``seen``, where
-    the model leaves surely and noticeably more."""
+    the model leaves noticeably more."""
 
     model: Array
     start: Array
@@ -55,21 +55,18 @@ class Spoiled:
 
 
 def spoiled(judge: Judge, base: Model, model: Model, tests: Sequence[Run]) -> Spoiled:
-    """Ask every joint whether ``model`` leaves surely more of ``tests`` than ``base``, the starting model.
+    """Ask every joint whether it ends worse under ``model`` than under ``base``, the starting model, on ``tests``
+    (:func:`~.confirm.ends_worse`: beyond the standard error of a second or two, which is all that a test may be).
 
-    "Surely" as with names (:mod:`.confirm`): Student's t over blocks of time, Bonferroni over the joints; and by
-    :data:`~.confirm.WORSE` of what ``base`` leaves, of the floor or of :data:`~.everything.WORTH` of the torque,
+    And by :data:`~.confirm.WORSE` of what ``base`` leaves, of the floor or of :data:`~.everything.WORTH` of the torque,
     whichever is most: below these nobody would notice.
     """
-    n = judge.evidence.n
     rows = np.sum([run.mask.sum(axis=0) for run in tests], axis=0)
-    new, old = (moving_errors(m, tests) for m in (model, base))
     after, before, torque = (
-        np.sum([np.sum(e**2, axis=0) for e in part], axis=0) for part in (new, old, [r.tau * r.mask for r in tests])
+        np.sum([np.sum(e**2, axis=0) for e in part], axis=0)
+        for part in (moving_errors(model, tests), moving_errors(base, tests), [r.tau * r.mask for r in tests])
     )
     least = np.max([before, judge.floor**2 * rows, WORTH**2 * torque], axis=0)
-    seen = np.zeros(n, bool)
-    for j in np.flatnonzero(after - before > WORSE * least):
-        seen[j] = change_of(judge, new, old, tests, np.eye(n)[j], n).contradicts
+    seen = ends_worse(judge, base, model, tests) & (after - before > WORSE * least)
     count = np.maximum(rows, 1)
     return Spoiled(np.sqrt(after / count), np.sqrt(before / count), seen)

@@ -69,8 +69,9 @@ class _Presliding:
 
     def advance(self, z: Array, q: Array, dq: Array, h: float) -> Array:
         # Exact for a velocity that is constant over the sub-step.
-        way = np.sign(dq)
-        return np.asarray(way + (z - way) * np.exp(-np.abs(dq) * h / self.displacement))
+        level = self.row.kind.memory_level(np, dq, self.row.effect.parameters, self.row.settings)
+        goal = level * np.sign(dq)
+        return np.asarray(goal + (z - goal) * np.exp(-np.abs(dq) * h / (self.displacement * level)))
 
 
 def planted(robot: Robot, effects: Iterable[Effect]) -> tuple[Robot, JointEffects]:

@@ -95,8 +95,8 @@ def score_blind(
     what it alone explains (:mod:`.alone`), ``outcomes``, ``parameter_errors``, how many of its published parameters
     have a standard error (``checked``) and lie within two of it (``within``). What is named and was not
     hidden is ``wrong``, or among the ``stand_ins`` where what was hidden is listed with it as doing as well, or among
-    ``other_laws`` where a form that the catalogue does not have is another law of that effect (LuGre's friction of
-    presliding hysteresis); ``nothing_wrong_named`` holds where there is none of the three.
+    ``other_laws`` where a form that the catalogue does not have is another law of that effect (Stribeck's with
+    another exponent); ``nothing_wrong_named`` holds where there is none of the three.
     ``alternatives``: how many other explanations are listed; ``silent``: joints whose torque never changes.
     """
     runs = [process(t, robot, settings or ProcessSettings()) for t in test]

@@ -238,6 +238,18 @@ def _hysteresis(robot: Robot, hidden: Hidden) -> list[Effect]:
     return [Effect("hysteresis_friction", (robot.joint_names[hidden.at],), names)]
 
 
+def _falling(robot: Robot, hidden: Hidden) -> list[Effect]:
+    v = hidden.values
+    names = {
+        "presliding_stiffness": v["stiffness"],
+        "coulomb_torque": v["coulomb"],
+        "static_torque": v["static"],
+        "micro_damping": v["micro_damping"],
+        "stribeck_velocity": v["velocity"],
+    }
+    return [Effect("hysteresis_friction", (robot.joint_names[hidden.at],), names, {"law": "lugre"})]
+
+
 def _harmonics(robot: Robot, hidden: Hidden) -> list[Effect]:
     """One ripple, and a second at twice its harmonic (:func:`.outside.ripple`): the catalogue's law twice."""
     joint, v = (robot.joint_names[hidden.at],), hidden.values
@@ -309,9 +321,10 @@ KNOWN = (
 )
 #: Forms that it does not have, or not in the usual form.
 UNKNOWN = (
-    Recipe("lugre", _lugre, _nothing, of="hysteresis_friction"),
+    # The catalogue has it as a setting of presliding friction, and the next but one as one of dry friction: both are
+    # drawn among those that it lacks, since one level and a sharp sign are not it.
+    Recipe("lugre", _lugre, _falling),
     Recipe("gonthier", _gonthier, _nothing),
-    # The catalogue has it as a setting of dry friction; drawn among those that it lacks, since a sharp sign is not it.
     Recipe("tanh", _tanh, _slow_sign),
     Recipe("stribeck 1/2", _stribeck(0.5), _nothing, of="stribeck_friction"),
     Recipe("cubic spring", _stiffness(1.5), _nothing, of="joint_spring"),

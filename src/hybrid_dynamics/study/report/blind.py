@@ -199,7 +199,7 @@ def verdicts(cases: pd.DataFrame) -> str:
             rows.append([kind, Cell(escape(str(verdict).replace("_", " ")), "text"), total, str(wrong), str(laws)])
     caption = (
         "Verdicts; a wrong name beside an all-clear is the worst that can be said. Another law: the effect named is "
-        "the one hidden, with the law that the catalogue has of it (Dahl's where LuGre's was hidden)"
+        "the one hidden, with the law that the catalogue has of it (Stribeck's of another exponent)"
     )
     heads = ["Hidden", "Verdict", "Cases", "with a wrong name", "another law named"]
     return table(heads, rows, caption) if rows else ""

@@ -1,0 +1,77 @@
+"""A law of more numbers than are asked for unnamed, where the search has put together several plainer ones for it.
+
+A search is offered friction whose sign turns over a distance and whose level is one number (Dahl's), and one whose
+level falls with the speed and that turns over at once (Stribeck's). Of a joint that has both (LuGre's) it makes either,
+with plain friction or whatever follows the reversals in the place of the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hybrid_dynamics.effects import Term, family
+from hybrid_dynamics.loop.augment import refit
+from hybrid_dynamics.loop.further import at_the_end, first_as_good, refine
+from hybrid_dynamics.loop.search import take
+from hybrid_dynamics.loop.trace import ACCEPTED, Judge, covers, joined
+
+
+def richer_laws(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with the richer laws of the further families (:meth:`.Family.richer`) in the place of what stands for
+    them, joint by joint, and without those of which a plainer one does as well; and the judge there.
+
+    A richer law comes in where it is surely better by something that matters, as any name, or costs less and is as
+    good, and its further numbers are known. What the starting model has stays as it is: what is found is its change.
+    """
+    out = list(chosen)
+    for kind in map(family, judge.settings.further):
+        for joint in sorted({t.joint for t in out if t.joint is not None}):
+            own = [t for t in out if t.joint == joint]
+            laws = kind.richer(own)
+            if laws and not any(
+                judge.evidence.in_base(t) for t in own if t.place == laws[0].place or covers(laws[0], t)
+            ):
+                judge, out = _with_richer(judge, out, laws)
+    return plainer_laws(judge, out)
+
+
+def plainer_laws(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with a plainer law in the place of each richer one of which that does as well, or of whose further
+    numbers nothing is known; and the judge there."""
+    out = list(chosen)
+    for term in chosen:
+        plain = None if judge.evidence.in_base(term) else term.family().plainer(term)
+        if plain is None:
+            continue
+        there, trial = refine(judge.at(out).adding([plain]), [plain if t == term else t for t in out], [plain.place])
+        if _is_known(judge, out, term):
+            judge, out = first_as_good(there.adding(out), out, [trial])
+        else:
+            judge, out = there, trial
+    return judge.at(out), out
+
+
+def _with_richer(judge: Judge, out: list[Term], laws: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``out`` with one of ``laws`` of one place, refined from the best of them, where that is better; the judge
+    there."""
+    place = laws[0].place
+    judge = judge.at(out).adding(laws)
+    trials = [joined([t for t in out if t.place != place], law) for law in laws]
+    start = min(trials, key=lambda t: (judge.evidence.held(t).score, repr(t)))
+    there, trial = refine(judge, start, [place])
+    law = next(t for t in trial if t.place == place)
+    if at_the_end([law]):
+        return judge, out
+    there = there.adding(out)
+    new, old = (there.evidence.held(terms, physical=True) for terms in (trial, out))
+    plainer = there.price(*trial) <= there.price(*out) and there.as_good(new, old) and there.spares(new, old)
+    if not plainer and there.reason(law, there.gain(new, old), new) != ACCEPTED:
+        return judge, out
+    taken = take(there, out, trial)
+    return (judge, out) if taken is None or not _is_known(taken, trial, law) else (taken, trial)
+
+
+def _is_known(judge: Judge, terms: Sequence[Term], term: Term) -> bool:
+    """Whether the further numbers of ``term``, one of ``terms``, are known in a re-fit of all."""
+    effects = refit(judge.at(terms).evidence, terms).model().effects[-len(terms) :]
+    return term.family().is_known(effects[list(terms).index(term)])
