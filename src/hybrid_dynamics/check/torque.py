@@ -35,7 +35,7 @@ from hybrid_dynamics.check.pace import check_pace
 from hybrid_dynamics.check.pulled import body_leaves, spring_leaves
 from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch
 from hybrid_dynamics.check.units import MAX_SCALE, check_own_units, check_unit
-from hybrid_dynamics.check.weight import check_weight
+from hybrid_dynamics.check.weight import check_weight, lifts
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -79,6 +79,9 @@ def check_torque(
     # Columns that are exchanged, say, hold no weight of their own joints either.
     otherwise = as_good and not best.reads_as_told
     weight = [] if otherwise else check_weight(columns, gravity, tilted=as_good)
+    if as_good and lifts(columns, best.gravity):
+        # Of an arm on a wall other joints lift, and lift all there is.
+        weight = []
     if any(f.severity == "hard" for f in weight):
         # Without it every other reading is of another robot.
         return weight, gravity

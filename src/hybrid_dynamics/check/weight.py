@@ -130,6 +130,12 @@ def check_weight(columns: Columns, gravity: Array, tilted: bool = False) -> list
     return []
 
 
+def lifts(columns: Columns, gravity: Array) -> bool:
+    """Whether the torque holds what the links weigh under ``gravity`` (3,) [m/s^2], as far as any joint lifts then."""
+    found = weigh(columns, gravity)
+    return found is not None and found.moves and not (found.light or found.twice)
+
+
 def without_weight(runs: Sequence[OfRun], gravity: Array) -> list[Trajectory]:
     """Those of ``runs`` that, each alone, hold no weight: among others that do, it is neither here nor there."""
     found = ((run, weigh(columns, gravity)) for run, columns in runs)
