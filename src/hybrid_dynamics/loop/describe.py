@@ -29,6 +29,7 @@ from hybrid_dynamics.loop.spoiled import Spoiled
 from hybrid_dynamics.loop.standing import Standing
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.loop.unexplained import expression_of
+from hybrid_dynamics.loop.uniform import same_everywhere
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
@@ -110,6 +111,7 @@ def describe_result(
         f"{', '.join(robot.joint_names[j] for j in worse)} ended worse on the test runs than the starting model"
         for g, worse in said.guesses
     ]
+    lines += same_everywhere(robot, added)
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
         if floor.unproven[j]:
