@@ -119,6 +119,11 @@ def test_where_the_model_was_not_taught_a_torque_of_the_other_sign_is_no_fault_o
     turned_round = run.with_signals(tau=run["tau"] * [1.0, -1.0])
     assert [f.code for f in told_by_model(model, [turned_round], [run])] == ["torque_sign"]
     assert told_by_model(model, [turned_round], [away]) == []
+    # What the model knows a zero to be off by is no other place.
+    moved = Model(arm(), (*HIDDEN, Effect("position_offset", ("elbow",), {"offset": 3.0})))
+    offset = run.with_signals(q=run["q"] - [0.0, 3.0])
+    reversed_ = offset.with_signals(tau=run["tau"] * [1.0, -1.0])
+    assert [f.code for f in told_by_model(moved, [reversed_], [offset])] == ["torque_sign"]
     # Of the other joint, which was there, it is told.
     assert [f.joint for f in told_by_model(model, [run.with_signals(tau=run["tau"] * [-1.0, 1.0])], [away])] == [
         "shoulder"

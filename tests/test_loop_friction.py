@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, State, Term, family
 from hybrid_dynamics.effects.sign import presliding_sign
 from hybrid_dynamics.loop import Model, close_loop
 from hybrid_dynamics.loop.physics import BEYOND, FAR, physical_constraints, speeds_to_oppose
@@ -109,6 +109,35 @@ def test_a_level_that_changes_on_the_way_is_followed_row_by_row(corners, displac
     np.testing.assert_allclose(
         presliding_sign(q, displacement, np.full(len(q), 2.0)), 2.0 * presliding_sign(q, 2.0 * displacement), atol=1e-12
     )
+
+
+@given(st.floats(-1.0, 1.0), st.floats(1e-3, 1e-1), st.floats(-1.0, 1.0))
+def test_where_a_run_begins_its_memory_goes_on_and_is_forgotten(begun, displacement, end):
+    q = np.linspace(0.0, end, 200)
+    way = float(np.sign(end))
+    expected = way + (begun - way) * np.exp(-np.abs(q) / displacement) if way else np.full(200, begun)
+    np.testing.assert_allclose(presliding_sign(q, displacement, start=begun), expected, atol=1e-9)
+    np.testing.assert_allclose(presliding_sign(q, displacement, np.ones(200), begun), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("settings", [{}, {"law": "lugre"}])
+def test_the_memory_of_a_run_that_began_before_its_first_row_is_that_of_its_speed(settings):
+    """Of a run whose edges were cut off the joint has come some way: at speed it is sliding, at rest nobody knows."""
+    kind, numbers = family("hysteresis_friction"), {"presliding_stiffness": 50.0, "coulomb_torque": 1.0}
+    if settings:
+        numbers |= {"static_torque": 1.5, "micro_damping": 0.0, "stribeck_velocity": 0.1}
+
+    def first(speed: float, began: float) -> float:
+        time = began + np.arange(3) / 100.0
+        still = np.zeros((1, 3))
+        return float(kind.along(State(still, speed + still, time=time), numbers, settings)[0])
+
+    assert first(0.5, 0.5) == pytest.approx(1.0, abs=1e-5)
+    assert first(-0.5, 0.5) == pytest.approx(-1.0, abs=1e-5)
+    assert first(0.0, 0.5) == first(0.5, 0.0) == 0.0
+    level = 1.0 + 0.5 * np.exp(-0.01) if settings else 1.0
+    # At .01 rad/s for half a second it has gone a quarter of the displacement.
+    assert first(0.01, 0.5) == pytest.approx(level * (1.0 - np.exp(-0.25 / level)))
 
 
 def test_friction_that_would_drive_at_a_speed_seen_is_held_back():

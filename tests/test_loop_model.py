@@ -86,3 +86,31 @@ def test_how_friction_grows_with_the_load():
     expected[:, 1] = 0.12 * np.sign(dq[:, 1]) * np.sign(small.inverse_dynamics(q, dq, ddq)[:, 1])
     np.testing.assert_allclose(Model(small, (effect,)).load_derivative(q, dq, ddq), expected, atol=1e-6)
     assert not Model(small).load_derivative(q, dq, ddq).any()
+
+
+LUGRE = {
+    "presliding_stiffness": 40.0,
+    "coulomb_torque": 2.0,
+    "static_torque": 3.0,
+    "micro_damping": 0.4,
+    "stribeck_velocity": 0.2,
+}
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"static_torque": 1.0}, "expected a static_torque of at least the coulomb_torque"),
+        ({"coulomb_torque": 0.0}, "expected a static_torque of at least the coulomb_torque"),
+        ({"micro_damping": -0.1}, "micro_damping = -0.1"),
+        ({"coulomb_torque": -2.0, "static_torque": -3.0, "presliding_stiffness": -40.0}, "expected >= 0, all in all"),
+    ],
+)
+def test_friction_that_rises_with_the_speed_or_drives_is_no_lugre_friction(robot, tmp_path, changed, message):
+    whole = Effect("hysteresis_friction", robot.joint_names[:1], LUGRE, {"law": "lugre"})
+    save_model(tmp_path / "model.json", Model(robot, (whole,)))
+    assert load_model(tmp_path / "model.json", robot).effects[0].parameters == LUGRE
+    wrong = Effect("hysteresis_friction", robot.joint_names[:1], {**LUGRE, **changed}, {"law": "lugre"})
+    save_model(tmp_path / "wrong.json", Model(robot, (wrong,)))
+    with pytest.raises(InputError, match=message):
+        load_model(tmp_path / "wrong.json", robot)

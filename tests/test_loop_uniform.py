@@ -32,10 +32,17 @@ def test_one_gain_for_all_joints_is_told_with_its_size() -> None:
         ((*ALIKE[:5], 3.0, 2.0), 0.3),  # two other drives
         ((8.0, 6.5, 5.0, 4.0, 3.0, 2.0, 1.0), 0.3),
         ((8.0, 6.5, 5.0, 4.0, 3.0, 2.0, 1.0), 9.0),  # alike for being unknown
+        (tuple(-v for v in ALIKE), 0.3),  # less than the starting model has
     ],
 )
 def test_drives_that_differ_or_are_not_known_are_not_told(values: tuple[float, ...], error: float) -> None:
     assert _told("armature", "armature", values, error) == []
+
+
+def test_parts_of_single_runs_are_no_joints_of_their_own() -> None:
+    named = [(j, run) for run in ("one", "two") for j in ROBOT.joint_names[:4]]
+    parts = [Effect("armature", (j,), {"armature": 9.0}, {"only_run": run}, {"armature": 0.3}) for j, run in named]
+    assert same_everywhere(ROBOT, parts) == []
 
 
 def test_dry_friction_and_offsets_of_one_size_are_no_gain() -> None:

@@ -108,7 +108,7 @@ def check_known(
     told = left(_Reading(len(names)))
     if not np.any(told > MISSED):
         return []
-    known = _been_there(parts, taught, len(names))
+    known = _been_there(parts, true_stretches(model, taught), len(names))
     readings = (*_readings(len(names)), *_units(model, parts, gains))
     tried = [(reading, left(reading)) for reading in readings if reading.is_known(known)]
     reading, best = min(tried, key=lambda pair: float(np.sum(np.log(pair[1] + FLOOR))))
@@ -125,11 +125,11 @@ def told_by_model(model: Completed, runs: Sequence[Trajectory], taught: Sequence
     return [replace(f, run=run.name, text=f"{f.text} ({by})") for run, f in found]
 
 
-def _been_there(parts: Sequence[Stretch], taught: Sequence[Trajectory], n: int) -> NDArray[np.bool_]:
+def _been_there(parts: Sequence[Stretch], taught: Sequence[Stretch], n: int) -> NDArray[np.bool_]:
     """(n,) joints that are mostly at positions between those of the runs that ``taught`` the model; all without any."""
     if not taught:
         return np.ones(n, bool)
-    low, high = (f([f(run["q"], axis=0) for run in taught], axis=0) for f in (np.min, np.max))
+    low, high = (f([f(part.q, axis=0) for part in taught], axis=0) for f in (np.min, np.max))
     q = np.concatenate([p.q for p in parts])
     return np.asarray(np.mean((q >= low) & (q <= high), axis=0) >= MOSTLY)
 

@@ -32,7 +32,10 @@ _SPEEDS, _RATIO = (0.03, 0.1, 0.3), 1.5
 STRIBECK = "stribeck_friction"
 #: Standard errors beyond which a number of LuGre's law is known.
 _SURE = 2.0
-_LEAST = 1e-12
+#: A ratio this near to one is one.
+_ROUNDING = 1e-6
+#: Displacement [rad] of no friction.
+_LEAST = 1e-9
 
 
 @register
@@ -125,23 +128,22 @@ class HysteresisFriction(Family):
         return out | {"stribeck_rise": parameters["static_torque"] - least} if _falls(settings) else out
 
     def law(self, xp: Any, at: State, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
-        level = self.memory_level(xp, at.own_dq, parameters, settings)
-        z = level * xp.sign(at.own_dq) if at.z is None else at.z
+        if at.z is None:
+            return _height(xp, at.own_dq, parameters, settings) * xp.sign(at.own_dq)
+        held = parameters["coulomb_torque"] * at.z
         if not _falls(settings):
-            return parameters["coulomb_torque"] * z
-        rate = at.own_dq - xp.abs(at.own_dq) * z / level
-        return parameters["coulomb_torque"] * z + parameters["micro_damping"] * rate
+            return held
+        level = self.memory_level(xp, at.own_dq, parameters, settings)
+        return held + parameters["micro_damping"] * (at.own_dq - xp.abs(at.own_dq) * at.z / level)
 
     def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
-        if parameters["coulomb_torque"] <= 0 or parameters["presliding_stiffness"] <= 0:
-            return None
-        return parameters["coulomb_torque"] / parameters["presliding_stiffness"]
+        # Of what a starting model has too much both numbers are negative, and the distance is its own.
+        least, stiffness = parameters["coulomb_torque"], parameters["presliding_stiffness"]
+        return least / stiffness if least * stiffness > 0 else None
 
     def memory_level(self, xp: Any, dq: Any, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
-        if not _falls(settings) or parameters["coulomb_torque"] <= 0:
-            return 1.0
-        ratio, speed = parameters["static_torque"] / parameters["coulomb_torque"], dq / parameters[VELOCITY]
-        return 1.0 + (ratio - 1.0) * xp.exp(-speed * speed)
+        # Numbers may be symbols: asked only where there is a memory, and so friction.
+        return _height(xp, dq, parameters, settings) / parameters["coulomb_torque"] if _falls(settings) else 1.0
 
     def columns(self, motion: Motion, term: Term) -> Array:
         whole = super().columns(motion, term)
@@ -155,11 +157,20 @@ class HysteresisFriction(Family):
         return np.zeros(self.size if term is None else term.size)
 
     def setting_values(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        least = parameters["coulomb_torque"]
-        values = {DISPLACEMENT: max(least / max(parameters["presliding_stiffness"], _LEAST), 1e-9)}
+        least, stiffness = parameters["coulomb_torque"], parameters["presliding_stiffness"]
+        values = {DISPLACEMENT: _rounded(least / stiffness) if least * stiffness > 0 else _LEAST}
         if VELOCITY not in parameters:
             return values
-        return values | {RATIO: parameters["static_torque"] / max(least, _LEAST), VELOCITY: parameters[VELOCITY]}
+        ratio = _rounded(parameters["static_torque"] / least) if least else 1.0
+        return values | {RATIO: ratio, VELOCITY: parameters[VELOCITY]}
+
+    def forbidden(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> str:
+        if not _falls(settings):
+            return ""
+        # Of a change of a starting model both may be negative.
+        least, most = parameters["coulomb_torque"], parameters["static_torque"]
+        falls = most == 0.0 if least == 0.0 else most / least >= 1.0 - _ROUNDING
+        return "" if falls else "expected a static_torque of at least the coulomb_torque, and this above 0"
 
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         least, own = float(x[0]), term.options
@@ -181,3 +192,17 @@ class HysteresisFriction(Family):
 def _falls(settings: Mapping[str, Any]) -> bool:
     """True where the level of friction falls with the speed."""
     return bool(settings.get(LAW, DAHL) == LUGRE)
+
+
+def _rounded(value: float) -> float:
+    """``value`` to the digits to which settings are refined: a change of the same law has the same ones."""
+    return float(f"{value:.6g}")
+
+
+def _height(xp: Any, dq: Any, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> Any:
+    """Friction [N m] that the joint comes to at the speed ``dq``."""
+    least = parameters["coulomb_torque"]
+    if not _falls(settings):
+        return least
+    speed = dq / parameters[VELOCITY]
+    return least + (parameters["static_torque"] - least) * xp.exp(-speed * speed)

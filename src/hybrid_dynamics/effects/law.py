@@ -58,7 +58,8 @@ class Law(Declared, ABC):
         displacement = self.presliding(parameters, settings)
         if displacement is not None:
             level = self.memory_level(np, at.own_dq, parameters, settings)
-            at = replace(at, z=presliding_sign(at.own_q, displacement, None if np.ndim(level) == 0 else level))
+            own = None if np.ndim(level) == 0 else level
+            at = replace(at, z=presliding_sign(at.own_q, displacement, own, _begun(at, displacement, level)))
         return np.broadcast_to(self.law(np, at, parameters, settings), np.shape(at.own_dq)).astype(float)
 
     def partner(self, robot: Robot, settings: Mapping[str, Any]) -> int | None:
@@ -83,6 +84,11 @@ class Law(Declared, ABC):
         """Those of :attr:`nonlinear_settings` that an effect with ``settings`` has."""
         return self.nonlinear_settings
 
+    def forbidden(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> str:
+        """What physics asks of these parameters beyond the bounds of single ones, where they do not keep to it; else
+        nothing."""
+        return ""
+
     def price(self, settings: Mapping[str, Any]) -> int:
         """What it costs beside an explanation that is as good: its published numbers."""
         return len(self.published(settings))
@@ -90,3 +96,12 @@ class Law(Declared, ABC):
     def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
         """In the terms of robot description formats (``export/terms.py``), each with its value."""
         return {"law": 1.0}
+
+
+def _begun(at: State, displacement: float, level: Any) -> float:
+    """The memory at the first row of a run that began before it (a filter has cut its edges off): as if the joint had
+    gone at its speed there ever since. 0 where it is the first row, or the joint stands."""
+    if at.time is None or not len(at.own_dq):
+        return 0.0
+    most, gone = float(np.ravel(level)[0]), float(at.own_dq[0]) * max(float(at.time[0]), 0.0)
+    return float(np.sign(gone) * most * -np.expm1(-abs(gone) / (displacement * most)))

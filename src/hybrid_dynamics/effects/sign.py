@@ -63,26 +63,26 @@ def displacement_of(settings: Mapping[str, Any]) -> float | None:
     return float(settings[SIGN_DISPLACEMENT]) if SIGN_DISPLACEMENT in settings else None
 
 
-def presliding_sign(q: Array, displacement: float, level: Array | None = None) -> Array:
-    """z (T,) along positions ``q`` (T,) [rad] of one run; 0 at its first row, whose past nobody knows.
+def presliding_sign(q: Array, displacement: float, level: Array | None = None, start: float = 0.0) -> Array:
+    """z (T,) along positions ``q`` (T,) [rad] of one run; ``start`` at its first row, whose past nobody knows.
 
     Between two reversals Dahl's equation has a closed form in the distance; only reversals are walked through.
     ``level`` (T,): what z comes to at the speed of each row, else 1 (:func:`_relaxed`).
     """
     step = np.diff(q)
     if level is not None:
-        return _relaxed(step, displacement, 0.5 * (level[1:] + level[:-1]))
+        return _relaxed(step, displacement, 0.5 * (level[1:] + level[:-1]), start)
     way = np.sign(step)
     moved = np.flatnonzero(way)
     if len(moved) == 0:
-        return np.zeros(len(q))
+        return np.full(len(q), start)
     # A row at rest belongs to the motion before it.
     last = np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), moved[0]))
     way = way[last]
     edges = np.concatenate([[0], np.flatnonzero(np.diff(way)) + 1, [len(way)]])
     path = np.concatenate([[0.0], np.cumsum(np.abs(step))])
     out = np.zeros(len(q))
-    z = 0.0
+    out[0] = z = start
     for low, high in pairwise(edges):
         left = (z - way[low]) * np.exp(-(path[low + 1 : high + 1] - path[low]) / displacement)
         out[low + 1 : high + 1] = way[low] + left
@@ -90,17 +90,19 @@ def presliding_sign(q: Array, displacement: float, level: Array | None = None) -
     return out
 
 
-def _relaxed(step: Array, displacement: float, level: Array) -> Array:
-    """z (T,) over ``step`` (T - 1,) [rad] with the ``level`` (T - 1,) of each: dz/dq = (1 - z sign(dq) / level) / s.
+def _relaxed(step: Array, displacement: float, level: Array, start: float) -> Array:
+    """z (T,) from ``start`` over ``step`` (T - 1,) [rad] with the ``level`` (T - 1,) of each:
+    dz/dq = (1 - z sign(dq) / level) / s.
 
     Exact for a level that is constant within a step: z becomes a z + b. Such maps are composed by pairs of twice the
     distance each time (Hillis and Steele, CACM 29(12), 1986), until nothing is left of where z began.
     """
     keeps = np.exp(-np.abs(step) / (displacement * level))
     z = np.sign(step) * level * (1.0 - keeps)
+    z[:1] += keeps[:1] * start
     reach = 1
     while reach < len(z) and np.any(keeps[reach:]):
         z[reach:] += keeps[reach:] * z[:-reach]
         keeps[reach:] *= keeps[:-reach].copy()
         reach *= 2
-    return np.concatenate([[0.0], z])
+    return np.concatenate([[start], z])

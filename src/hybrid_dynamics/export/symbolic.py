@@ -84,12 +84,13 @@ class SymbolicModel:
         own = None if cs.SX(level).is_constant() else k
         return Memory(f"z of {self.model.robot.joint_names[joint]}", joint, displacement, own)
 
-    def _level(self, memory: Memory) -> Any:
-        """What the friction state comes to at the speed of its joint."""
+    def _level(self, memory: Memory, parameters: Mapping[str, Any] | None = None) -> Any:
+        """What the friction state comes to at the speed of its joint, with other ``parameters`` of its law if given."""
         if memory.law is None or memory.joint is None:
             return 1.0
         effect, kind = self.laws[memory.law]
-        return kind.memory_level(Namespace, self.dq[memory.joint], effect.parameters, effect.settings)
+        own = effect.parameters if parameters is None else parameters
+        return kind.memory_level(Namespace, self.dq[memory.joint], own, effect.settings)
 
     @property
     def inputs(self) -> dict[str, cs.SX]:
@@ -198,6 +199,9 @@ class SymbolicModel:
             for joint, partner in kind.rows(self.model.robot, effect.term(self.model.robot)):
                 memory = self._memory(k, joint)
                 state = None if memory is None else z[memory]
+                if memory is not None and memory.law is not None and k in changed:
+                    # The state has come to the level of the numbers as they are.
+                    state = state * self._level(memory, parameters) / self._level(memory)
                 at = State(q, self.dq, self.ddq, load, joint, partner, time, state)
                 out[joint] = out[joint] + kind.law(Namespace, at, parameters, effect.settings)
         return cs.vertcat(*out)

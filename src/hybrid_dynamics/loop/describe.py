@@ -111,7 +111,7 @@ def describe_result(
         f"{', '.join(robot.joint_names[j] for j in worse)} ended worse on the test runs than the starting model"
         for g, worse in said.guesses
     ]
-    lines += same_everywhere(robot, added)
+    lines += [] if base.effects else same_everywhere(robot, added)
     lines += said.model.extrapolation_warnings(np.concatenate([run.motion.dq for run in logs.test]))
     for j in np.flatnonzero(floor.cannot_tell):
         if floor.unproven[j]:

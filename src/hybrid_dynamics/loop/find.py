@@ -36,7 +36,7 @@ from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.partner import notes_of, partner_open
 from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
-from hybrid_dynamics.loop.richer import plainer_laws, richer_laws
+from hybrid_dynamics.loop.richer import plainer_laws, richer_laws, within_bounds
 from hybrid_dynamics.loop.runs import pool, split_by_run, wholes_of
 from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, search
@@ -249,12 +249,12 @@ def _refined(
 ) -> tuple[Judge, list[Term], list[Step]]:
     """Search on from ``chosen`` and refine; without what ends where no such law is, once more. With the judge there."""
     judge, steps = search(judge, candidates, report, chosen, replacing)
-    judge, found = refine(judge, steps[-1].terms)
+    judge, found = within_bounds(*refine(judge, steps[-1].terms))
     if implausible := _implausible(judge, found):
         rest = elsewhere(candidates, implausible)
         judge, further = search(judge, rest, report, [t for t in found if t not in implausible], replacing)
         steps += further
-        judge, found = refine(judge, steps[-1].terms)
+        judge, found = within_bounds(*refine(judge, steps[-1].terms))
         implausible = _implausible(judge, found)
     return judge, [t for t in found if t not in implausible], steps
 

@@ -74,6 +74,9 @@ def further_candidates(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, lis
             terms += kind.terms(evidence.robot, where, settings.options)
         if (where := where | hidden if kind.like_noise else where).any():
             terms += kind.propose([run.name for run in evidence.runs], motions, rest, where)
+    # What the starting model has of them may have become less, in its own form alone.
+    given = evidence.problem.base_places
+    terms += [t for t in given if t.effect in settings.further and t.joint is not None and left[t.joint]]
     terms = [s for s in _askable(evidence, terms) if not evidence.has(s)]
     judge = judge.adding(terms)
     found = _promising(judge, chosen, terms, MOST_PLACES)
@@ -98,7 +101,9 @@ def _askable(evidence: Evidence, terms: Sequence[Term]) -> list[Term]:
     A short run begins anywhere: what changes in its first seconds can stand for any law of the motion made in them.
     """
     timed = sum(float(run.time[-1] - run.time[0]) for run in evidence.runs) >= TIMED
-    few = [s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS]
+    few = [
+        s for s in dict.fromkeys(terms) if len(s.family().published(s.options)) <= MOST_NUMBERS or evidence.in_base(s)
+    ]
     seen = seen_together(evidence.runs, evidence.robot, few)
     return [s for s in seen if timed or not s.family().follows_time]
 
@@ -355,7 +360,7 @@ def refine(
         return judge, out
     for _ in range(2):
         for i, term in enumerate(out):
-            if places is not None and term.place not in places:
+            if (places is not None and term.place not in places) or judge.evidence.in_base(out[i]):
                 continue
             for r in term.family().nonlinear_of(term.options):
                 start = float(out[i].options[r.name])

@@ -388,6 +388,9 @@ def _check_physics(model: Model) -> None:
                 raise InputError(
                     f"effect {effect.effect} of {where}: {key} = {value:g}; expected less than {LARGEST:g}"
                 )
+        if forbidden := family(effect.effect).forbidden(effect.parameters, effect.settings):
+            shown = ", ".join(f"{k} = {v:g}" for k, v in effect.parameters.items())
+            raise InputError(f"effect {effect.effect} of {', '.join(effect.joints)}: {shown}; {forbidden}")
     sums: dict[Term, Array] = {}
     for term, own in model._places():
         # What is estimated beside the names (held) and what is named stand at one place.

@@ -71,6 +71,18 @@ def _with_richer(judge: Judge, out: list[Term], laws: Sequence[Term]) -> tuple[J
     return (judge, out) if taken is None or not _is_known(taken, trial, law) else (taken, trial)
 
 
+def within_bounds(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with a plainer law in the place of each richer one that has come to the end of what is plausible; and
+    the judge there."""
+    out = list(chosen)
+    for term in at_the_end(out):
+        plain = term.family().plainer(term)
+        if plain is not None and not judge.evidence.in_base(term):
+            trial = [plain if t == term else t for t in out]
+            judge, out = refine(judge.at(out).adding([plain]), trial, [plain.place])
+    return judge, out
+
+
 def _is_known(judge: Judge, terms: Sequence[Term], term: Term) -> bool:
     """Whether the further numbers of ``term``, one of ``terms``, are known in a re-fit of all."""
     effects = refit(judge.at(terms).evidence, terms).model().effects[-len(terms) :]

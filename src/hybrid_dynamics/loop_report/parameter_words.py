@@ -22,7 +22,7 @@ from hybrid_dynamics.loop_report.words import (
 
 Entry = Mapping[str, Any]
 #: An effect with more parameters than this has a table's worth of them; the headline counts its links.
-_MOST = 4
+_MOST = 5
 #: Pitch [rad] from which on a base stands on its side.
 _ON_ITS_SIDE = 1.53
 #: Error of pitch over that of roll, the cosine of pitch: below it roll turns hardly anything.
@@ -31,7 +31,7 @@ _TURNS = 0.05
 FEW = 3
 #: Settings that :func:`settings_words` and :func:`place` tell in words of their own, or that the effect's name tells.
 _IN_WORDS = (
-    "sign_of", "of", "response", "shape", "expression", "links", "intervals", "only_run", "sign_width",
+    "sign_of", "of", "law", "response", "shape", "expression", "links", "intervals", "only_run", "sign_width",
     "sign_displacement", "at_rest", "from_joint", "rows",
 )  # fmt: skip
 #: Stands behind a name that the model has and the held-out runs neither confirm nor contradict.
@@ -172,6 +172,8 @@ def settings_words(entry: Entry, placed: bool = False, slides: Collection[str] =
         out.append(f"of the {settings['of']} torque" if settings["of"] != "offset" else "of the offset")
     if settings.get("response") == "lag":
         out.append("behind a first-order low-pass")
+    if settings.get("law") == "lugre":
+        out.append("with a level that falls with the speed (LuGre)")
     if "shape" in settings:
         out.append(f"{settings['shape']} in q")
     if "expression" in settings:
