@@ -1,12 +1,12 @@
-"""Friction with presliding hysteresis (Dahl 1968): tau = K z, dz/dt = dq - abs(dq) z K/Fc.
+"""Friction with presliding hysteresis (Dahl, or LuGre): tau = K z (+ c dz/dt), dz/dt = dq - abs(dq) z K/g.
 
-Written with z scaled to Fc: tau = Fc z, dz/dq = (1 - z sign(dq)) / s with the presliding displacement s = Fc/K, which
-is what is refined; given s the torque is linear in Fc. The published stiffness is K = Fc/s.
+Dahl's (1968): g = Fc, and no c. Written with z scaled to Fc: tau = Fc z, dz/dq = (1 - z sign(dq)) / s with the
+presliding displacement s = Fc/K, which is what is refined; given s the torque is linear in Fc. The published stiffness
+is K = Fc/s.
 
-Setting ``law`` ``lugre``: the level falls with the speed as Stribeck's, g = Fc + (Fs - Fc) exp(-(dq/vs)^2), and
-dz/dt = dq - abs(dq) z K/g, and the micro-damping c of dz/dt (in radians) adds to it: the friction of Canudas de Wit,
-Olsson, Astrom and Lischinsky (IEEE TAC 40(3), 1995, eqs. 1 to 3). Coordinates (Fc, c); the ratio Fs/Fc and the Stribeck
-velocity vs are refined, too.
+LuGre's, setting ``law`` ``lugre``: the level falls with the speed as Stribeck's, g = Fc + (Fs - Fc) exp(-(dq/vs)^2),
+and the micro-damping c adds to it (Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE TAC 40(3), 1995, eqs. 1 to 3).
+Coordinates (Fc, c); the ratio Fs/Fc and the Stribeck velocity vs are refined, too.
 """
 
 from __future__ import annotations
