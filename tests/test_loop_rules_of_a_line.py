@@ -20,6 +20,8 @@ from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, Model
 from hybrid_dynamics.loop import identifiability as identifiability_module
 from hybrid_dynamics.loop import known as known_module
+from hybrid_dynamics.loop import one_for_two as one_for_two_module
+from hybrid_dynamics.loop import prune as prune_module
 from hybrid_dynamics.loop.augment import effects_of
 from hybrid_dynamics.loop.hold_out import _at_the_end
 from hybrid_dynamics.loop.identifiability import DIFFERENCE, inconsistent
@@ -33,6 +35,7 @@ ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
 VISCOUS = Term("viscous_friction", 0)
 PAYLOAD = Term("payload")
+FRICTION = Term("asymmetric_coulomb_friction", 1)
 
 
 def _judge(*hidden: Sequence[Effect]) -> tuple[Judge, list[Term]]:
@@ -155,3 +158,35 @@ def test_a_name_in_a_setting_is_text(value: object) -> None:
     check_settings("joint_coupling", {"from_joint": "elbow"}, ["from_joint"])
     with pytest.raises(InputError, match="setting from_joint is"):
         check_settings("joint_coupling", {"from_joint": value}, ["from_joint"])
+
+
+@pytest.mark.parametrize(("rests", "says"), [([1.0, 1.2], None), ([1.0, 1.01], True), ([0.0, 0.01], False)])
+def test_rests_say_whether_a_constant_acts_where_they_are_sure(
+    monkeypatch: pytest.MonkeyPatch, rests: list[float], says: bool | None
+) -> None:
+    """Nearer to a constant of 1 N m or to nothing, by Student's t: of two rests one degree of freedom is left."""
+    monkeypatch.setattr(one_for_two_module, "_constant", lambda *_: 1.0)
+    monkeypatch.setattr(one_for_two_module, "rests", lambda *_: [slice(0, 1), slice(1, 2)])
+    run = SimpleNamespace(time=np.arange(2.0), dq=np.zeros((2, 2)))
+    left = np.column_stack([np.zeros(2), rests])
+    layout = SimpleNamespace(terms=[FRICTION], starts=[0])
+    evidence = SimpleNamespace(
+        fit=lambda terms: np.ones(2), layout=lambda terms: layout, residuals=lambda terms, x: [left], runs=[run]
+    )
+    judge = cast(Judge, SimpleNamespace(evidence=evidence, settings=LoopSettings()))
+    assert one_for_two_module._at_rest(judge, [FRICTION], [FRICTION]) is says
+
+
+@pytest.mark.parametrize(("above", "forced"), [(0.5, True), (2.0, False)])
+def test_what_stands_at_the_end_of_what_is_plausible_is_something_else(
+    monkeypatch: pytest.MonkeyPatch, above: float, forced: bool
+) -> None:
+    """Within a share of the end itself, however large that is."""
+    monkeypatch.setattr(prune_module, "impossible", lambda *_: [])
+    lowest = -0.02
+    monkeypatch.setattr(type(VISCOUS.family()), "lower_bounds", lambda *_: np.array([lowest]))
+    x = np.array([lowest + above * prune_module.BOUND * abs(lowest)])
+    layout = SimpleNamespace(terms=[VISCOUS], starts=[0])
+    evidence = SimpleNamespace(fit=lambda terms: x, layout=lambda terms: layout, robot=ROBOT)
+    judge = cast(Judge, SimpleNamespace(evidence=evidence))
+    assert prune_module._forced(judge, [VISCOUS]) == ({VISCOUS} if forced else set())
