@@ -18,14 +18,18 @@ from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.effects.settings import check_settings
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop import alternatives as alternatives_module
+from hybrid_dynamics.loop import floor as floor_module
 from hybrid_dynamics.loop import identifiability as identifiability_module
 from hybrid_dynamics.loop import known as known_module
 from hybrid_dynamics.loop import one_for_two as one_for_two_module
 from hybrid_dynamics.loop import prune as prune_module
 from hybrid_dynamics.loop.augment import effects_of
+from hybrid_dynamics.loop.blocks import Blocks, Folds
 from hybrid_dynamics.loop.hold_out import _at_the_end
 from hybrid_dynamics.loop.identifiability import DIFFERENCE, inconsistent
 from hybrid_dynamics.loop.in_the_hand import payload_for_links
+from hybrid_dynamics.loop.physics import physical_constraints
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.runs import pool
 from hybrid_dynamics.loop.solve import Constraints
@@ -190,3 +194,55 @@ def test_what_stands_at_the_end_of_what_is_plausible_is_something_else(
     evidence = SimpleNamespace(fit=lambda terms: x, layout=lambda terms: layout, robot=ROBOT)
     judge = cast(Judge, SimpleNamespace(evidence=evidence))
     assert prune_module._forced(judge, [VISCOUS]) == ({VISCOUS} if forced else set())
+
+
+@pytest.mark.parametrize(("folds", "edges"), [([0, 1], [[], []]), ([0, 1, 1], [[1], []]), ([0, 0, 1, 1], [[2], [1]])])
+def test_neighbours_of_what_is_held_out_take_no_part_unless_nothing_else_is_left(
+    folds: list[int], edges: list[list[int]]
+) -> None:
+    rows = tuple((10 * k, 10 * k + 10) for k in range(len(folds)))
+    blocks = Blocks(np.zeros(len(folds), int), rows)
+    found = Folds(blocks, 2, np.array(folds)).edges
+    assert [own.tolist() for own in found] == edges
+
+
+@pytest.mark.parametrize(
+    ("growth", "says"),
+    [
+        ([0.0, -0.2], "held-out error is smaller by up to 20.0 % (mean square) and larger on no joint"),
+        ([0.04, -0.2], "held-out error grows by at most 4.0 % (mean square, worst joint)"),
+        ([0.0, 0.0], "held-out error grows by at most 0.0 % (mean square, worst joint)"),
+    ],
+)
+def test_what_an_alternative_does_to_the_error_is_told_by_its_worst_joint(growth: list[float], says: str) -> None:
+    assert alternatives_module._why(np.array(growth), False) == says
+
+
+def test_the_motion_that_would_tell_has_both_motions_each_once() -> None:
+    viscous, load = Term("viscous_friction", 0), Term("load_dependent_friction", 0)
+    told = alternatives_module.motion_that_would_tell(viscous, [load, load], False)
+    own, other = viscous.family().shown_by, load.family().shown_by
+    assert own != other
+    assert told == f"A motion in which {own}; then one in which {other}."
+    again = alternatives_module.motion_that_would_tell(viscous, [Term("viscous_friction", 1)], False)
+    assert again == f"A motion in which {own}, one joint at a time."
+
+
+def test_rows_outside_the_states_of_the_other_folds_are_counted_over_all_folds() -> None:
+    """Of the first fold half the rows lie beyond the second's, of the second none lies beyond the first's."""
+    q = np.concatenate([np.linspace(0.0, 2.0, 10), np.linspace(0.0, 1.0, 10)])[:, None]
+    run = cast(Any, SimpleNamespace(q=q, dq=np.zeros((20, 1))))
+    fold = np.repeat([0, 1], 10)
+    outside = floor_module._unshared([run], [np.ones((20, 1), bool)], [fold], 0)
+    assert outside == pytest.approx(np.mean(q[:10, 0] > 1.0) / 2)
+
+
+def test_friction_that_changes_with_the_time_opposes_the_motion_at_the_speeds_of_the_log() -> None:
+    """From a tenth of the fastest one on, and no farther: beyond it nothing was seen."""
+    drift = Term("drift", 0, (("of", "viscous"), ("time_constant", 10.0)))
+    fastest = np.array([0.5, 0.5])
+    asked = physical_constraints([VISCOUS, drift], [0, 1], 2, {}, ROBOT, fastest)
+    # Viscous friction of one unit at the fastest speed and a tenth of it, either way.
+    speeds = {round(float(abs(row[0])), 9) for row in asked.rows}
+    assert max(speeds) == pytest.approx(0.5)
+    assert min(speeds) == pytest.approx(0.05)
