@@ -46,6 +46,12 @@ EXAMPLES = {
         },
         {"law": "lugre"},
     ),
+    "hysteresis_friction damped": Effect(
+        "hysteresis_friction",
+        JOINT,
+        {"presliding_stiffness": 40.0, "coulomb_torque": 2.0, "micro_damping": 0.4},
+        {"law": "damped"},
+    ),
     "stribeck_friction over a displacement": Effect(
         "stribeck_friction",
         JOINT,

@@ -27,6 +27,7 @@ RICH = Term(
     1,
     (("law", "lugre"), ("presliding_displacement", 0.02), ("static_ratio", 1.6), ("stribeck_velocity", 0.1)),
 )
+DAMPED = Term("hysteresis_friction", 1, (("law", "damped"), ("presliding_displacement", 0.02)))
 
 
 def _log(law: Callable[..., Array], values: Mapping[str, float], seed: int, split: str, noise: float) -> Trajectory:
@@ -53,6 +54,17 @@ def test_lugre_friction_is_named_with_its_numbers(noise: float) -> None:
     for name, true in (("static_torque", 1.6), ("stribeck_velocity", 0.1), ("presliding_stiffness", 50.0)):
         assert values[name] == pytest.approx(true, rel=0.2)
         assert 0 < errors[name] < 0.2 * true
+
+
+def test_micro_damping_that_shows_beside_a_level_that_does_not_fall_is_named_and_no_fall() -> None:
+    values = {**FALLING, "static": 1.0}
+    runs = [_log(lugre, values, k, split, 0.03) for k, split in ((1, "train"), (2, "train"), (3, "test"))]
+    diagnosis = close_loop(ROBOT, runs[:2], runs[2:]).diagnosis
+    (found,) = diagnosis.effects
+    assert (found.effect.effect, found.effect.settings) == ("hysteresis_friction", {"law": "damped"})
+    assert diagnosis.verdict == "explained"
+    for name, true in (("coulomb_torque", 1.0), ("presliding_stiffness", 50.0), ("micro_damping", 0.5)):
+        assert found.effect.parameters[name] == pytest.approx(true, rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -83,6 +95,11 @@ def test_further_numbers_come_where_they_are_needed_and_go_where_they_are_not() 
     assert [t.options.get("law") for t in _of(lugre, FALLING, Model(ROBOT), [RICH])] == ["lugre"]
     one_level = {"coulomb": 1.0, "stiffness": 50.0}
     assert [t.options.get("law") for t in _of(dahl, one_level, Model(ROBOT), [RICH])] == [None]
+    assert [t.options.get("law") for t in _of(dahl, one_level, Model(ROBOT), [DAMPED])] == [None]
+    assert [t.options.get("law") for t in _of(lugre, FALLING, Model(ROBOT), [DAMPED])] == ["lugre"]
+    damped = {**FALLING, "static": 1.0}
+    assert [t.options.get("law") for t in _of(lugre, damped, Model(ROBOT), [PLAIN])] == ["damped"]
+    assert [t.options.get("law") for t in _of(lugre, damped, Model(ROBOT), [RICH])] == ["damped"]
     assert [t.options.get("law") for t in _of(dahl, one_level, Model(ROBOT), [PLAIN])] == [None]
 
 
@@ -96,7 +113,9 @@ def test_the_law_holds_its_special_cases() -> None:
     stribeck_own = Term("stribeck_friction", 1, (("stribeck_velocity", 0.1),))
     assert kind.covers(RICH, stribeck_own)
     assert not kind.covers(PLAIN, stribeck_own)
-    assert kind.plainer(RICH) == PLAIN
+    assert not kind.covers(DAMPED, stribeck_own)
+    assert kind.plainer(RICH) == DAMPED
+    assert kind.plainer(DAMPED) == PLAIN
     assert kind.plainer(PLAIN) is None
     assert kind.richer([Term("coulomb_friction", 1)]) == []
     assert {t.options["presliding_displacement"] for t in kind.richer([PLAIN])} == {0.02}

@@ -6,7 +6,8 @@ is K = Fc/s.
 
 LuGre's, setting ``law`` ``lugre``: the level falls with the speed as Stribeck's, g = Fc + (Fs - Fc) exp(-(dq/vs)^2),
 and the micro-damping c adds to it (Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE TAC 40(3), 1995, eqs. 1 to 3).
-Coordinates (Fc, c); the ratio Fs/Fc and the Stribeck velocity vs are refined, too.
+Coordinates (Fc, c); the ratio Fs/Fc and the Stribeck velocity vs are refined, too. A joint that hardly moves slowly
+shows the micro-damping and not the fall: ``law`` ``damped`` is LuGre's with g = Fc.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
 DISPLACEMENT, RATIO = "presliding_displacement", "static_ratio"
-LAW, DAHL, LUGRE = "law", "dahl", "lugre"
+LAW, DAHL, DAMPED, LUGRE = "law", "dahl", "damped", "lugre"
 #: Displacements [rad] the search starts from; what is shorter is how Coulomb friction turns over (effects/sign.py).
 _GRID = (4e-3, 2e-2, 1e-1)
 #: LuGre's law starts from: speeds [rad/s], and friction at rest over that in motion.
 _SPEEDS, _RATIO = (0.03, 0.1, 0.3), 1.5
-STRIBECK = "stribeck_friction"
+STRIBECK, _DAMPING = "stribeck_friction", "micro_damping"
 #: Standard errors beyond which a number of LuGre's law is known.
 _SURE = 2.0
 #: A ratio this near to one is one.
@@ -52,7 +53,7 @@ class HysteresisFriction(Family):
         Parameter("presliding_stiffness", "N m/rad"),
         Parameter("coulomb_torque", "N m"),
         Parameter("static_torque", "N m"),
-        Parameter("micro_damping", "N m s/rad"),
+        Parameter(_DAMPING, "N m s/rad"),
         Parameter(VELOCITY, "rad/s"),
     )
     size = 1
@@ -87,7 +88,7 @@ class HysteresisFriction(Family):
 
     def richer(self, own: Sequence[Term]) -> list[Term]:
         """LuGre's friction in the place of Dahl's or Stribeck's."""
-        alike = [t for t in own if t.effect in (self.name, STRIBECK) and not _falls(t.options)]
+        alike = [t for t in own if t.effect in (self.name, STRIBECK)]
         if not alike or any(_falls(t.options) for t in own):
             return []
         at = {name: value for t in alike for name, value in t.options.items()}
@@ -97,22 +98,24 @@ class HysteresisFriction(Family):
         return [Term(self.name, alike[0].joint, tuple(sorted(v.items()))) for v in values]
 
     def plainer(self, term: Term) -> Term | None:
-        """Dahl's friction in the place of LuGre's."""
-        return replace(term, settings=((DISPLACEMENT, term.options[DISPLACEMENT]),)) if _falls(term.options) else None
+        """The law with one level in the place of LuGre's, and Dahl's in the place of that."""
+        own = (DISPLACEMENT, term.options[DISPLACEMENT])
+        plain = {LUGRE: ((LAW, DAMPED), own), DAMPED: (own,), DAHL: None}[_form(term.options)]
+        return None if plain is None else replace(term, settings=plain)
 
     def is_known(self, effect: Effect) -> bool:
-        """The stiffness, both levels, what one rises over the other, and its speed, each beyond :data:`_SURE` standard
-        errors; micro-damping shows within the presliding displacement alone, and may be nothing."""
+        """The stiffness and the level, and what one rises over the other and its speed, or else the micro-damping, each
+        beyond :data:`_SURE` standard errors; beside a fall micro-damping may be nothing."""
         values, errors = dict(effect.parameters), dict(effect.std_errors)
-        if not _falls(effect.settings):
-            return True
-        least, most = "coulomb_torque", "static_torque"
-        values["rise"] = values[most] - values[least]
-        errors["rise"] = float(np.hypot(errors[most], errors[least]))
-        return all(v > _SURE * errors[name] for name, v in values.items() if name != "micro_damping")
+        if _falls(effect.settings):
+            least, most = "coulomb_torque", "static_torque"
+            values["rise"] = values[most] - values[least]
+            errors["rise"] = float(np.hypot(errors[most], errors[least]))
+            del values[_DAMPING]
+        return _form(effect.settings) == DAHL or all(v > _SURE * errors[name] for name, v in values.items())
 
     def size_of(self, term: Term) -> int:
-        return 2 if _falls(term.options) else 1
+        return 1 if _form(term.options) == DAHL else 2
 
     def covers(self, term: Term, special: Term) -> bool:
         rise = _falls(term.options) and special.effect == STRIBECK and special.joint == term.joint
@@ -120,7 +123,7 @@ class HysteresisFriction(Family):
 
     def published(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
         names = tuple(p.name for p in self.parameters)
-        return names if _falls(settings) else names[:2]
+        return {DAHL: names[:2], DAMPED: (*names[:2], _DAMPING), LUGRE: names}[_form(settings)]
 
     def in_descriptions(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> dict[str, float]:
         least = parameters["coulomb_torque"]
@@ -131,10 +134,10 @@ class HysteresisFriction(Family):
         if at.z is None:
             return _height(xp, at.own_dq, parameters, settings) * xp.sign(at.own_dq)
         held = parameters["coulomb_torque"] * at.z
-        if not _falls(settings):
+        if _form(settings) == DAHL:
             return held
         level = self.memory_level(xp, at.own_dq, parameters, settings)
-        return held + parameters["micro_damping"] * (at.own_dq - xp.abs(at.own_dq) * at.z / level)
+        return held + parameters[_DAMPING] * (at.own_dq - xp.abs(at.own_dq) * at.z / level)
 
     def presliding(self, parameters: Mapping[str, float], settings: Mapping[str, Any]) -> float | None:
         # Of what a starting model has too much both numbers are negative, and the distance is its own.
@@ -147,7 +150,7 @@ class HysteresisFriction(Family):
 
     def columns(self, motion: Motion, term: Term) -> Array:
         whole = super().columns(motion, term)
-        if _falls(term.options):
+        if term.size > 1:
             # Micro-damping alone has no state to follow: beside the level of the first column it has that one's.
             both = self.parameters_of(np.ones(2), motion.robot, term)
             whole[:, 1] = self.along(motion.state(term.index), both, term.options) - whole[:, 0]
@@ -175,23 +178,23 @@ class HysteresisFriction(Family):
     def parameters_of(self, x: Array, robot: Robot, term: Term) -> dict[str, float]:
         least, own = float(x[0]), term.options
         values = {"presliding_stiffness": least / own[DISPLACEMENT], "coulomb_torque": least}
-        if not _falls(own):
-            return values
-        return values | {
-            "static_torque": least * own[RATIO],
-            "micro_damping": float(x[1]),
-            VELOCITY: float(own[VELOCITY]),
-        }
+        if _falls(own):
+            values |= {"static_torque": least * own[RATIO], _DAMPING: float(x[1]), VELOCITY: float(own[VELOCITY])}
+        elif len(x) > 1:
+            values |= {_DAMPING: float(x[1])}
+        return values
 
     def coordinates_of(self, parameters: Mapping[str, float], robot: Robot, term: Term) -> Array:
-        return np.array(
-            [parameters["coulomb_torque"], *([parameters["micro_damping"]] if _falls(term.options) else [])]
-        )
+        return np.array([parameters[name] for name in ("coulomb_torque", _DAMPING)[: self.size_of(term)]])
+
+
+def _form(settings: Mapping[str, Any]) -> str:
+    return str(settings.get(LAW, DAHL))
 
 
 def _falls(settings: Mapping[str, Any]) -> bool:
     """True where the level of friction falls with the speed."""
-    return bool(settings.get(LAW, DAHL) == LUGRE)
+    return _form(settings) == LUGRE
 
 
 def _rounded(value: float) -> float:

@@ -90,7 +90,7 @@ KINDS: Mapping[str, tuple[Check, str]] = {
     "from_joint": (_text, "the name of a joint"),
     "rows": _one_of("own", "both"),
     "sign_of": _one_of("partner", "sum", "difference"),
-    "law": _one_of("dahl", "lugre"),
+    "law": _one_of("dahl", "damped", "lugre"),
     "of": _one_of("offset", "coulomb", "viscous"),
     "at_rest": _one_of("middle"),
     "response": _one_of("delay", "lag"),

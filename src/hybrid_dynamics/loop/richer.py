@@ -39,36 +39,57 @@ def plainer_laws(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
     """``chosen`` with a plainer law in the place of each richer one of which that does as well, or of whose further
     numbers nothing is known; and the judge there."""
     out = list(chosen)
-    for term in chosen:
-        plain = None if judge.evidence.in_base(term) else term.family().plainer(term)
-        if plain is None:
-            continue
-        there, trial = refine(judge.at(out).adding([plain]), [plain if t == term else t for t in out], [plain.place])
-        if _is_known(judge, out, term):
-            judge, out = first_as_good(there.adding(out), out, [trial])
-        else:
-            judge, out = there, trial
+    for asked in chosen:
+        term, plain = asked, None if judge.evidence.in_base(asked) else asked.family().plainer(asked)
+        while plain is not None:
+            there, trial = refine(judge.at(out).adding([plain]), _instead(out, term, plain), [plain.place])
+            if _is_known(judge, out, term):
+                judge, left = first_as_good(there.adding(out), out, [trial])
+            else:
+                judge, left = there, trial
+            if left == out:
+                break
+            out, term = left, next(t for t in left if t.place == plain.place)
+            plain = term.family().plainer(term)
     return judge.at(out), out
 
 
+def _instead(terms: Sequence[Term], term: Term, plain: Term) -> list[Term]:
+    """``terms`` with ``plain`` in the place of ``term``."""
+    return [plain if t == term else t for t in terms]
+
+
 def _with_richer(judge: Judge, out: list[Term], laws: Sequence[Term]) -> tuple[Judge, list[Term]]:
-    """``out`` with one of ``laws`` of one place, refined from the best of them, where that is better; the judge
-    there."""
+    """``out`` with one of ``laws`` of one place, refined from the best of them, where that is better, or else with a
+    plainer one that is still richer than the plainest; the judge there."""
     place = laws[0].place
     judge = judge.at(out).adding(laws)
     trials = [joined([t for t in out if t.place != place], law) for law in laws]
     start = min(trials, key=lambda t: (judge.evidence.held(t).score, repr(t)))
     there, trial = refine(judge, start, [place])
-    law = next(t for t in trial if t.place == place)
-    if at_the_end([law]):
-        return judge, out
-    there = there.adding(out)
-    new, old = (there.evidence.held(terms, physical=True) for terms in (trial, out))
-    plainer = there.price(*trial) <= there.price(*out) and there.as_good(new, old) and there.spares(new, old)
-    if not plainer and there.reason(law, there.gain(new, old), new) != ACCEPTED:
-        return judge, out
-    taken = take(there, out, trial)
-    return (judge, out) if taken is None or not _is_known(taken, trial, law) else (taken, trial)
+    while True:
+        law = next(t for t in trial if t.place == place)
+        kind = law.family()
+        if any(t.place == place and kind.published(t.options) == kind.published(law.options) for t in out):
+            return judge, out
+        taken = None if at_the_end([law]) else _taken(there.adding(out), out, trial, law)
+        if taken is not None:
+            return taken, trial
+        plain = kind.plainer(law)
+        # The plainest one the search has asked for itself.
+        if plain is None or kind.plainer(plain) is None:
+            return judge, out
+        there, trial = refine(there.at(trial).adding([plain]), _instead(trial, law, plain), [place])
+
+
+def _taken(judge: Judge, out: list[Term], trial: list[Term], law: Term) -> Judge | None:
+    """The judge at ``trial``, which has ``law`` for what ``out`` has, where that is better; else None."""
+    new, old = (judge.evidence.held(terms, physical=True) for terms in (trial, out))
+    plainer = judge.price(*trial) <= judge.price(*out) and judge.as_good(new, old) and judge.spares(new, old)
+    if not plainer and judge.reason(law, judge.gain(new, old), new) != ACCEPTED:
+        return None
+    taken = take(judge, out, trial)
+    return taken if taken is not None and _is_known(taken, trial, law) else None
 
 
 def within_bounds(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -78,8 +99,7 @@ def within_bounds(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Ter
     for term in at_the_end(out):
         plain = term.family().plainer(term)
         if plain is not None and not judge.evidence.in_base(term):
-            trial = [plain if t == term else t for t in out]
-            judge, out = refine(judge.at(out).adding([plain]), trial, [plain.place])
+            judge, out = refine(judge.at(out).adding([plain]), _instead(out, term, plain), [plain.place])
     return judge, out
 
 

@@ -172,6 +172,8 @@ def settings_words(entry: Entry, placed: bool = False, slides: Collection[str] =
         out.append(f"of the {settings['of']} torque" if settings["of"] != "offset" else "of the offset")
     if settings.get("response") == "lag":
         out.append("behind a first-order low-pass")
+    if settings.get("law") == "damped":
+        out.append("with micro-damping")
     if settings.get("law") == "lugre":
         out.append("with a level that falls with the speed (LuGre)")
     if "shape" in settings:
