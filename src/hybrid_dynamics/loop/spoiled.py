@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.effects.units import unit_at
-from hybrid_dynamics.loop.confirm import WORSE, ends_worse, moving_errors
+from hybrid_dynamics.loop.confirm import WORSE, ends_worse
+from hybrid_dynamics.loop.diagnosis import moving_rms, rms_in_motion
 from hybrid_dynamics.loop.everything import WORTH
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import Run
@@ -61,12 +62,8 @@ def spoiled(judge: Judge, base: Model, model: Model, tests: Sequence[Run]) -> Sp
     And by :data:`~.confirm.WORSE` of what ``base`` leaves, of the floor or of :data:`~.everything.WORTH` of the torque,
     whichever is most: below these nobody would notice.
     """
-    rows = np.sum([run.mask.sum(axis=0) for run in tests], axis=0)
-    after, before, torque = (
-        np.sum([np.sum(e**2, axis=0) for e in part], axis=0)
-        for part in (moving_errors(model, tests), moving_errors(base, tests), [r.tau * r.mask for r in tests])
-    )
-    least = np.max([before, judge.floor**2 * rows, WORTH**2 * torque], axis=0)
-    seen = ends_worse(judge, base, model, tests) & (after - before > WORSE * least)
-    count = np.maximum(rows, 1)
-    return Spoiled(np.sqrt(after / count), np.sqrt(before / count), seen)
+    after, before = moving_rms(model, tests), moving_rms(base, tests)
+    torque = rms_in_motion([run.tau for run in tests], tests)
+    least = np.max([before, judge.floor, WORTH * torque], axis=0) ** 2
+    seen = ends_worse(judge, base, model, tests) & (after**2 - before**2 > WORSE * least)
+    return Spoiled(after, before, seen)

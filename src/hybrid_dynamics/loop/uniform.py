@@ -42,7 +42,8 @@ def same_everywhere(robot: Robot, effects: Sequence[Effect]) -> list[str]:
         # What nothing is known of is alike to anything.
         known = alike & (errors > 0) & (ERRORS * errors < KNOWN * mean)
         if known.sum() >= max(FEWEST, robot.n_joints - 2) and alike.sum() >= robot.n_joints - 1:
-            unit = unit_of(next(iter(own.values())), next(iter(next(iter(own.values())).parameters)), ())
+            one = next(iter(own.values()))
+            unit = unit_of(one, next(iter(one.parameters)), ())
             told.append(f"{name} is {mean:.2g} {unit} on {alike.sum()} of {robot.n_joints} joints")
     if not told:
         return []
