@@ -1,12 +1,16 @@
 """Torques each in a unit of its own, as motor currents are: no links make them together; and what is not that."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.panda_arm import FRICTION, JOINTS, load_panda, recorded
 
+from hybrid_dynamics.check import torque as torque_module
+from hybrid_dynamics.check import units as units_module
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.torque import check_torque
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, Term, predict
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -88,3 +92,39 @@ def test_a_joint_whose_torque_is_silent_has_no_say(panda, run):
     (found,) = units(panda, run.with_signals(tau=tau))
     assert found.severity == "hard"
     assert JOINTS[6] not in found.text.rsplit("is measured: ", 1)[1]
+
+
+def small_motion(robot, effects, seed):
+    """7.6 s of a few tenths of a radian about some pose: little of what links make, and much of friction."""
+    rng = np.random.default_rng(seed)
+    time, omega = np.arange(0.0, 7.6, 0.005), 2 * np.pi * np.array([0.15, 0.4, 0.8, 1.1])[:, None, None]
+    pose = np.clip(rng.uniform(-1, 1, 7), robot.position_limits[0] + 0.5, robot.position_limits[1] - 0.5)
+    size = 0.25 * rng.uniform(0.2, 1.0, (4, 1, 7)) / np.sqrt(omega)
+    angle = omega * time[None, :, None] + rng.uniform(0, 2 * np.pi, (4, 1, 7))
+    q = pose + (size * np.sin(angle)).sum(axis=0)
+    dq, ddq = ((size * omega * np.cos(angle)).sum(axis=0), -(size * omega**2 * np.sin(angle)).sum(axis=0))
+    tau = predict(robot, effects, q, dq, ddq, time) + 0.05 * rng.normal(size=q.shape)
+    return Trajectory("run", "train", time, {"q": q, "dq": dq, "tau": tau})
+
+
+@pytest.mark.parametrize("joint", [4, 5])
+def test_friction_that_turns_over_along_the_way_is_no_unit(panda, monkeypatch, joint):
+    """Presliding friction of a wrist, .15 rad long, that is most of its torque: no factor of any other joint."""
+    held = Effect("hysteresis_friction", (JOINTS[joint],), {"presliding_stiffness": 2.0 / 0.15, "coulomb_torque": 2.0})
+    log = small_motion(panda, [held], 3)
+    assert units(panda, log) == []
+    # Controls: to friction that turns over at once, and of which links need not make anything as described, it is one;
+    # and a joint that is read in another unit, as described but for its factor, is told with such friction elsewhere.
+    other = np.where(np.arange(7) == 3, 12.0, 1.0)
+    (found,) = units(panda, log.with_signals(tau=log["tau"] * other))
+    assert found.severity == "hard"
+    monkeypatch.setattr(units_module, "PRESLIDING", ())
+    assert units(panda, log) == []
+    own = torque_module.check_own_units
+
+    def as_described(robot, parts, columns, gravity, fits):
+        return own(robot, parts, columns, gravity, [replace(f, left=0.0) for f in fits])
+
+    monkeypatch.setattr(torque_module, "check_own_units", as_described)
+    (wrong,) = units(panda, log)
+    assert wrong.severity == "hard"

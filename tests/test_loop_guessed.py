@@ -13,6 +13,7 @@ from tests.small_arm import arm
 from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop import confirm as confirm_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.confirm import Confirmation, confirm
 from hybrid_dynamics.loop.diagnosis import errors_of
@@ -25,6 +26,7 @@ from hybrid_dynamics.simulation.excitation import excitations
 ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
 FRICTION = Effect("coulomb_friction", (SHOULDER,), {"coulomb_torque": 0.8})
+DRY = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 0.5})
 
 
 def offset(value: float, joint: str = ELBOW) -> Effect:
@@ -88,3 +90,37 @@ def test_links_that_help_one_joint_much_stay_though_they_harm_another(
     left, gone = without_wrong(stub, [], start, worse.__getitem__, squares.__getitem__)
     assert gone == ([(links, (1,))] if taken_back else [])
     assert left == (1 if taken_back else 2)
+
+
+def test_a_guess_goes_before_the_name_that_it_spoils(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The elbow ends worse by what is guessed of it, and the test runs would be better off without its friction, too:
+    as long as the guess stands."""
+    settings = LoopSettings()
+    train, _ = excitations(ROBOT, [FRICTION, DRY, offset(1.0)], train=1, test=0, duration=8.0, rate=250.0)
+    _, test = excitations(ROBOT, [FRICTION, DRY, offset(-1.0)], train=0, test=1, duration=8.0, rate=250.0)
+    logs = read_motion(ROBOT, train, test, settings)
+    judge, candidates, _ = gather(Model(ROBOT), logs, settings)
+    named = [next(t for t in candidates if t.effect == "coulomb_friction" and t.joint == j) for j in range(2)]
+    guess = Term("torque_offset", 1, ((HELD, 5.0),))
+    judge = judge.adding([guess]).at([*named, guess])
+    fitted = refit(judge.evidence, [*named, guess])
+    found = Found(named, fitted.x[:2], [], [], [], judge.over(fitted.evidence), Model(ROBOT), [guess])
+    asked: list[Model] = []
+    tested = confirm_module.test_change
+
+    def change(judge: Any, tests: Any, full: Model, without: Model, names: int) -> confirm_module.TestChange:
+        asked.append(full)
+        # As long as the guess stands the elbow's friction is contradicted.
+        spoils = any(not e.is_finding for e in full.effects) and len(full.effects) > len(without.effects)
+        said = tested(judge, tests, full, without, names)
+        return replace(said, contradicts=True, per_joint=np.zeros(2)) if spoils else said
+
+    monkeypatch.setattr(confirm_module, "test_change", change)
+    said = confirm(judge, Model(ROBOT), found.model(named), found, logs.test, candidates)
+    assert [g for g, _ in said.guesses] == [guess]
+    assert said.refused == ()
+    assert asked
+    assert all(e.is_finding for m in asked for e in m.effects)
+    # Control: where the guess stays, names go for it.
+    monkeypatch.setattr(confirm_module, "without_wrong", lambda found, names, model, *_: (model, []))
+    assert confirm(judge, Model(ROBOT), found.model(named), found, logs.test, candidates).refused

@@ -213,6 +213,31 @@ def test_a_law_that_held_out_rows_surely_miss_stays_however_little_is_known_of_i
     assert [t.effect for t in known_and_beside(judge.at([law]), [law], candidates, [], [])[1]] == ["coulomb_friction"]
 
 
+@pytest.mark.parametrize("seed", [1, 5])
+def test_friction_that_turns_over_along_a_way_nobody_knows_is_dry_friction(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is the same torque, and the distance a way of turning over; known it is presliding friction."""
+    law = Term("hysteresis_friction", 1, (("presliding_displacement", 0.05),))
+    hidden = Effect("hysteresis_friction", (ELBOW,), {"presliding_stiffness": 20.0, "coulomb_torque": 1.0})
+    judge, candidates = judged([noisy_log([hidden], seed + k, "train", NOISE) for k in (1, 2)], law)
+    judge = judge.at([law])
+    assert known_and_beside(judge, [law], candidates, [], [])[1] == [law]
+    published = known_module._published
+
+    def doubtful(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Effect]]:
+        """As if the stiffness were known to less than its size."""
+        judge, effects = published(judge, names, beside)
+        return judge, [
+            replace(e, std_errors={**e.std_errors, "presliding_stiffness": 300.0}) if e.effect == law.effect else e
+            for e in effects
+        ]
+
+    monkeypatch.setattr(known_module, "_published", doubtful)
+    (name,) = known_and_beside(judge, [law], candidates, [], [])[1]
+    assert (name.effect, name.options) == ("coulomb_friction", {"sign_displacement": 0.05})
+
+
 def test_what_is_no_name_any_more_is_asked_for_beside_the_names(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[list[Term]] = []
     sizes: dict[tuple[Any, ...], float] = {}

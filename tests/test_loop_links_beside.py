@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.effects.inertial_parameters import LINKS
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop import find as find_module
 from hybrid_dynamics.loop import known as known_module
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.beside import LINKS_WITHIN, all_beside, speaks_against
@@ -22,7 +24,7 @@ from hybrid_dynamics.loop.confirm import confirm
 from hybrid_dynamics.loop.describe import _beside, _estimated
 from hybrid_dynamics.loop.diagnosis import errors_of
 from hybrid_dynamics.loop.found import Found
-from hybrid_dynamics.loop.known import _published, with_links
+from hybrid_dynamics.loop.known import _published, in_doubt, with_links
 from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import Run
@@ -191,6 +193,69 @@ def test_a_law_that_goes_leaves_what_is_plain_of_its_joint(monkeypatch: pytest.M
     _, kept, out = with_links(judge, names, plain, candidates, ())
     assert kept == [named[1]]
     assert {(t.effect, t.joint) for t in out} >= {("coulomb_friction", 0), ("torque_offset", 0)}
+
+
+def known_by_decree(monkeypatch: pytest.MonkeyPatch, *said: Term | None) -> None:
+    """Of what nothing is known, time after time; in the end of nothing."""
+    answers = iter(said)
+    monkeypatch.setattr(known_module, "_least_known", lambda *_: next(answers, None))
+
+
+def test_a_name_is_asked_beside_the_links_as_they_are_held_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, candidates, _, named = judged([heavier_links(0.15), *FRICTION])
+    judge, plain = all_beside(judge, named, candidates)
+    # Beside links off by a quarter both are known, and beside those that predict best the elbow's is not.
+    known_by_decree(monkeypatch, None, named[1])
+    _, kept, out = with_links(judge, named, plain, candidates, ())
+    assert kept == named[:1]
+    assert held_links(out)
+    assert [t.joint for t in out if t.effect == "coulomb_friction"] == [1]
+    # Control: where held-out rows miss what goes so much, it stays, with the links that it was known beside.
+    known_by_decree(monkeypatch, None, named[1])
+    monkeypatch.setattr(known_module, "speaks_against", lambda _, after, before: len(asked) > 1)
+    asked: list[int] = []
+    links = known_module.links_too
+    monkeypatch.setattr(known_module, "links_too", lambda *given: (asked.append(1), links(*given))[1])
+    _, kept, out = with_links(judge, named, plain, candidates, ())
+    assert kept == named
+    assert held_links(out)
+
+
+def test_names_are_in_doubt_that_are_known_beside_exact_links_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, candidates, _, named = judged([heavier_links(0.15), *FRICTION])
+    judge, plain = all_beside(judge, named, candidates)
+    assert not in_doubt(judge, named, plain, candidates, ())
+    monkeypatch.setattr(known_module, "_least_known", lambda _, kept, __, fixed: None if fixed else kept[0])
+    assert in_doubt(judge, named, plain, candidates, ())
+    # Controls: what is fixed is not asked; links that stand beside the names have been asked for; no name, no doubt.
+    assert not in_doubt(judge, named, plain, candidates, named)
+    near = Term("inertial_parameters", None, ((HELD, 0.25), (LINKS, (SHOULDER, ELBOW))))
+    assert not in_doubt(judge.adding([near]), named, [*plain, near], candidates, ())
+    assert not in_doubt(judge, [], plain, candidates, ())
+    # And where the links are as described there is none either.
+    judge, candidates, _, named = judged(FRICTION)
+    judge, plain = all_beside(judge, named, candidates)
+    assert not in_doubt(judge, named, plain, candidates, ())
+
+
+@pytest.mark.parametrize(
+    ("doubted", "taken"),
+    [([True], 0), ([False, False], 1), ([True, False], 1), ([False, True], 0), ([True, False, True], 1)],
+)
+def test_the_last_end_counts_unless_its_names_are_in_doubt(
+    monkeypatch: pytest.MonkeyPatch, doubted: list[bool], taken: int
+) -> None:
+    nothing: Any = None
+    ends: list[Any] = [([], nothing, nothing, [Term("torque_offset", k)], []) for k in range(len(doubted))]
+
+    def asked(_: Any, names: list[Term], *__: Any) -> bool:
+        return doubted[names[0].index]
+
+    monkeypatch.setattr(find_module, "in_doubt", asked)
+    assert find_module._soundest(ends, [], []) is ends[taken]
+    # Where all are in doubt what was asked for last stays.
+    monkeypatch.setattr(find_module, "in_doubt", lambda *_: True)
+    assert find_module._soundest(ends, [], []) is ends[-1]
 
 
 @pytest.mark.parametrize("runs", [1, 2])

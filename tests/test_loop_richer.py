@@ -11,8 +11,9 @@ from tests.small_arm import arm, noisy_log
 
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
+from hybrid_dynamics.loop import richer as richer_module
 from hybrid_dynamics.loop.prepare import gather, read_motion
-from hybrid_dynamics.loop.richer import richer_laws
+from hybrid_dynamics.loop.richer import plainer_laws, richer_laws, within_bounds
 from hybrid_dynamics.study.outside import Course, dahl, lugre, stribeck
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -116,7 +117,36 @@ def test_the_law_holds_its_special_cases() -> None:
     assert not kind.covers(DAMPED, stribeck_own)
     assert kind.plainer(RICH) == DAMPED
     assert kind.plainer(DAMPED) == PLAIN
-    assert kind.plainer(PLAIN) is None
+    # The plainest is another effect's, and what makes the same torque is no law of this one.
+    assert kind.plainer(PLAIN) == Term("coulomb_friction", 1, (("sign_displacement", 0.02),))
+    assert richer_module._plainer_law(PLAIN) is None
     assert kind.richer([Term("coulomb_friction", 1)]) == []
     assert {t.options["presliding_displacement"] for t in kind.richer([PLAIN])} == {0.02}
     assert {t.options["stribeck_velocity"] for t in kind.richer([stribeck_own])} == {0.1}
+
+
+def test_presliding_friction_of_which_the_distance_is_not_known_is_dry_friction(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settings = LoopSettings()
+    train = [_log(dahl, FALLING, k, "train", 0.05) for k in (1, 2)]
+    judge, _, _ = gather(Model(ROBOT), read_motion(ROBOT, train, [], settings), settings)
+    judge = judge.adding([PLAIN]).at([PLAIN])
+    assert plainer_laws(judge, [PLAIN])[1] == [PLAIN]
+    monkeypatch.setattr(richer_module, "_is_known", lambda judge, terms, term: term.effect != PLAIN.effect)
+    dry = Term("coulomb_friction", 1, (("sign_displacement", 0.02),))
+    assert plainer_laws(judge, [PLAIN])[1] == [dry]
+    # Dry friction of the joint that stands beside it is the same.
+    own = Term("coulomb_friction", 1)
+    assert plainer_laws(judge.adding([own]), [own, PLAIN])[1] == [dry]
+    # Controls: of the starting model it stays what it is; at the end of its range it is no friction at all.
+    known = Effect("hysteresis_friction", (ELBOW,), {"presliding_stiffness": 50.0, "coulomb_torque": 1.0})
+    there, _, _ = gather(Model(ROBOT).adding([known]), read_motion(ROBOT, train, [], settings), settings)
+    assert plainer_laws(there.adding([PLAIN]), [PLAIN])[1] == [PLAIN]
+    far = Term("hysteresis_friction", 1, (("presliding_displacement", 0.5),))
+    assert within_bounds(judge.adding([far]), [far])[1] == [far]
+    stiff = family("hysteresis_friction")
+    effect = Effect("hysteresis_friction", (ELBOW,), {"presliding_stiffness": 50.0, "coulomb_torque": 1.0})
+    for error, is_known in ((10.0, True), (30.0, False)):
+        errors = {"presliding_stiffness": error, "coulomb_torque": 0.01}
+        assert stiff.is_known(replace(effect, std_errors=errors)) is is_known

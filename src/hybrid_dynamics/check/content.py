@@ -167,7 +167,7 @@ def check_rate(runs: Sequence[Trajectory]) -> list[Finding]:
     if not out and samples < FEW:
         seconds = sum(float(run.time[-1] - run.time[0]) for run in runs)
         text = (
-            f"{seconds:.3g} s of log hold about {samples:.0f} independent samples; expected at least {FEWEST}, better "
+            f"{seconds:.3g} s of log hold about {samples:.4g} independent samples; expected at least {FEWEST}, better "
             "some thousand: record longer runs"
         )
         out.append(Finding("too_short", "hard" if samples < FEWEST else "warning", text))

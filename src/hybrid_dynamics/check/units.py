@@ -20,6 +20,7 @@ from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.forms import Fit
 from hybrid_dynamics.check.guess import EXPLAINED
 from hybrid_dynamics.check.samples import Stretch
+from hybrid_dynamics.effects.sign import presliding_sign
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
@@ -39,7 +40,9 @@ CURE = (
     "side the gear ratio (motor_side, gear_ratio)"
 )
 #: A joint has a say about units of their own where links leave, with a factor of its own, less than the first share of
-#: what friction and the like leave of its torque (mean square), and where that is more than the second of all (rms).
+#: what friction and the like leave of its torque (mean square), and where that is more than the second of all (rms);
+#: and where the links as described leave less than :data:`EXPLAINED`, or the first share where it alone is off. (In
+#: small motion links and a factor make much of a wrist's friction that turns over along the way.)
 SETTLED, SAYS = 0.2, 0.1
 #: In one unit links leave this share more of a joint's, and of all of them so many times what they do with a factor a
 #: joint, which is at least the third. Of 400 simulated logs of one unit, with all the catalogue hidden in them, none
@@ -50,6 +53,9 @@ LEFT, TIMES, LEAST = 0.03, 2.0, 1e-3
 MANY, SURELY = 4, 6.0
 #: Factors this far apart are no gains of a drive; joints off the typical factor by the second are off.
 APART, OFF = 3.0, 1.5
+#: Distances [rad] over which friction may turn over. (At .15 rad it is no friction that turns over with the speed: a
+#: simulated wrist that had it was told to have a unit of its own.)
+PRESLIDING = (0.02, 0.1)
 #: Rows looked at; rounds in which factors and links are found in turn.
 ROWS, ROUNDS = 1500, 100
 #: Directions of the links' parameters that show less than this share of the clearest are not determined.
@@ -109,13 +115,17 @@ def check_own_units(
     start = np.array([max(fits[j].coefficients[0], 1e-6) for j in shown.joints])
     factors = shown.factors(start / np.exp(np.log(start).mean()))
     own = shown.left(factors)
-    says = (own < SETTLED) & (shown.share > SAYS)
+    as_described = np.array([fits[j].left for j in shown.joints])
+    says = (own < SETTLED) & (shown.share > SAYS) & (as_described < EXPLAINED)
     worse = np.where(says, one - own, 0.0)
     times = float(one[says].sum()) / max(float(own[says].sum()), LEAST)
     if says.sum() < 2 or worse.max() < LEFT or times < TIMES or np.ptp(np.log(factors[says])) < np.log(APART):
         return []
     typical = float(np.median(np.log(factors[says])))
     off = says & (np.abs(np.log(factors) - typical) > np.log(OFF))
+    if off.sum() == 1 and as_described[off][0] > SETTLED:
+        # Where all others are as described this one is, too, times its factor: what is left of it has another cause.
+        return []
     # Of few joints and a few seconds, links and factors together can make much of anything.
     enough = says.sum() >= MANY or times > SURELY
     certain = enough and ((off.sum() > 1 and says.sum() > 2) or np.ptp(np.log(factors[says])) > np.log(MAX_SCALE))
@@ -155,7 +165,8 @@ class _Shown:
         joints, share, grams, products = [], [], [], []
         for j in range(robot.n_joints):
             spring = np.column_stack([q[:, j], np.sin(q[:, j]), np.cos(q[:, j])])
-            beside = np.column_stack([columns.free(j)[rows], columns.beside[rows, j], spring])
+            signs = [np.concatenate([presliding_sign(p.q[:, j], s) for p in parts])[rows] for s in PRESLIDING]
+            beside = np.column_stack([columns.free(j)[rows], columns.beside[rows, j], spring, *signs])
             basis, size, _ = np.linalg.svd(
                 beside / np.maximum(np.linalg.norm(beside, axis=0), 1e-300), full_matrices=False
             )

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_dynamics.effects.base import Effect, Family, Term, register
+from hybrid_dynamics.effects.sign import SIGN_DISPLACEMENT
 from hybrid_dynamics.effects.state import Equivalence, Motion, Parameter, Refined, Settings, State
 from hybrid_dynamics.effects.stribeck_friction import MOST_FALL, VELOCITY
 from hybrid_dynamics.robots import Robot
@@ -98,10 +99,12 @@ class HysteresisFriction(Family):
         return [Term(self.name, alike[0].joint, tuple(sorted(v.items()))) for v in values]
 
     def plainer(self, term: Term) -> Term | None:
-        """The law with one level in the place of LuGre's, and Dahl's in the place of that."""
+        """The law with one level in the place of LuGre's, Dahl's in the place of that, and in the place of Dahl's
+        Coulomb friction whose sign turns over within that distance: a way of turning over, and no finding."""
         own = (DISPLACEMENT, term.options[DISPLACEMENT])
-        plain = {LUGRE: ((LAW, DAMPED), own), DAMPED: (own,), DAHL: None}[_form(term.options)]
-        return None if plain is None else replace(term, settings=plain)
+        if _form(term.options) == DAHL:
+            return Term("coulomb_friction", term.joint, ((SIGN_DISPLACEMENT, own[1]),))
+        return replace(term, settings=((LAW, DAMPED), own) if _falls(term.options) else (own,))
 
     def is_known(self, effect: Effect) -> bool:
         """The stiffness and the level, and what one rises over the other and its speed, or else the micro-damping, each
@@ -112,7 +115,7 @@ class HysteresisFriction(Family):
             values["rise"] = values[most] - values[least]
             errors["rise"] = float(np.hypot(errors[most], errors[least]))
             del values[_DAMPING]
-        return _form(effect.settings) == DAHL or all(v > _SURE * errors[name] for name, v in values.items())
+        return all(v > _SURE * errors[name] for name, v in values.items())
 
     def size_of(self, term: Term) -> int:
         return 1 if _form(term.options) == DAHL else 2

@@ -131,33 +131,70 @@ def with_links(
     if not links:
         return judge, list(names), list(beside)
     kept, plain, widest = list(names), list(beside), max(LINKS_WITHIN)
-    while kept:
-        doubted = links_near(there, [*kept, *plain], candidates, widest)
-        there = as_left(there.adding(doubted), [*kept, *plain, *doubted])
-        there, effects = _published(there, kept, [*plain, *doubted])
+    settled = judge, list(names), list(beside)
+    while True:
+        while kept:
+            doubted = links_near(there, [*kept, *plain], candidates, widest)
+            there = as_left(there.adding(doubted), [*kept, *plain, *doubted])
+            there, effects = _published(there, kept, [*plain, *doubted])
+            least = _least_known(there, kept, effects, fixed)
+            if least is None:
+                break
+            there, plain = _set_beside(there, kept, plain, doubted, least, effects, candidates)
+        if len(kept) < len(names):
+            # How near, without what went: that had been beside them when it was asked.
+            there, links = links_too(there, [*kept, *plain], candidates)
+        if not links or not kept:
+            return settled
+        asked = judge.adding([*kept, *plain, *links])
+        before = asked.evidence.held([*names, *beside], physical=True)
+        after = asked.evidence.held([*kept, *plain, *links], physical=True)
+        if speaks_against(asked, after, before) or (len(kept) < len(names) and much_worse(asked, after, before)):
+            return settled
+        there, effects = _published(as_left(there, [*kept, *plain, *links]), kept, [*plain, *links])
+        settled = there, list(kept), [*plain, *links]
+        # Where the links are held otherwise in the end, others make what a name had made.
         least = _least_known(there, kept, effects, fixed)
         if least is None:
-            break
-        size = _size(least, effects[kept.index(least)])
-        kept.remove(least)
-        if least.family().everywhere:
-            there, held = held_near(there, [least], size)
-        else:
-            there, held = plain_beside(there, [*kept, *plain, *doubted], candidates)
-            held = [t for t in held if t.joint == least.joint]
-        plain += held
-    if len(kept) < len(names):
-        # How near, without what went: that had been beside them when it was asked.
-        there, links = links_too(there, [*kept, *plain], candidates)
-    if not links or not kept:
-        return judge, list(names), list(beside)
-    asked = judge.adding([*kept, *plain, *links])
-    before = asked.evidence.held([*names, *beside], physical=True)
-    after = asked.evidence.held([*kept, *plain, *links], physical=True)
-    if speaks_against(asked, after, before) or (len(kept) < len(names) and much_worse(asked, after, before)):
-        return judge, list(names), list(beside)
-    there, _ = _published(as_left(there, [*kept, *plain, *links]), kept, [*plain, *links])
-    return there, kept, [*plain, *links]
+            return settled
+        there, plain = _set_beside(there, kept, plain, links, least, effects, candidates)
+
+
+def _set_beside(
+    judge: Judge,
+    kept: list[Term],
+    plain: list[Term],
+    links: Sequence[Term],
+    least: Term,
+    effects: Sequence[Effect],
+    candidates: Sequence[Term],
+) -> tuple[Judge, list[Term]]:
+    """``plain`` with ``least`` itself, or what is plain of its joint; it leaves ``kept``, which have ``effects`` beside
+    ``links``. With the judge who has the columns."""
+    size = _size(least, effects[kept.index(least)])
+    kept.remove(least)
+    if least.family().everywhere:
+        judge, held = held_near(judge, [least], size)
+    else:
+        judge, held = plain_beside(judge, [*kept, *plain, *links], candidates)
+        held = [t for t in held if t.joint == least.joint]
+    return judge, [*plain, *held]
+
+
+def in_doubt(
+    judge: Judge, names: Sequence[Term], beside: Sequence[Term], candidates: Sequence[Term], fixed: Collection[Term]
+) -> bool:
+    """True where links are off, do not stand ``beside`` the ``names``, and of one of these nothing is known beside
+    links that are off by a quarter (:func:`with_links`): it is named since held-out rows miss it."""
+    if not names or any(t.family().all_links for t in (*names, *beside)):
+        return False
+    there, links = links_too(judge, [*names, *beside], candidates)
+    if not links:
+        return False
+    doubted = links_near(there, [*names, *beside], candidates, max(LINKS_WITHIN))
+    there = as_left(there.adding(doubted), [*names, *beside, *doubted])
+    there, effects = _published(there, names, [*beside, *doubted])
+    return _least_known(there, names, effects, fixed) is not None
 
 
 def much_worse(judge: Judge, new: Held, old: Held) -> bool:
@@ -257,6 +294,9 @@ def _plainer(
         if len(sized) == len(own) and not (kind.of_like_size and _all_alike(effect, own)):
             continue
         judge, trials = plainer_forms(judge, out, i, candidates)
+        if (law := kind.plainer(term)) is not None and not any(same_place(law, t) for t in out if t != term):
+            judge = judge.adding([law])
+            trials.append([*out[:i], law, *out[i + 1 :]])
         if not trials:
             continue
         held = judge.evidence.held

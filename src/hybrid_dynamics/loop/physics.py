@@ -22,8 +22,10 @@ from hybrid_dynamics.loop.solve import Constraints
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
-#: Shares of a joint's fastest speed at which its viscous terms, or all its friction once warm, must oppose the motion.
-_SPEEDS = np.linspace(0.1, 1.0, 10)
+#: Shares of a joint's fastest speed at which its viscous terms, or all its friction once warm, must oppose the motion;
+#: and viscous terms near rest, where of a curve only its lowest power is left. (A curve that was left alone had a
+#: square of less than nothing there.)
+_SPEEDS, _NEAR_REST = np.linspace(0.1, 1.0, 10), 1e-3
 #: Beyond that speed all friction of a joint with a curve must oppose the motion up to the speed the URDF allows, at
 #: these shares; at most :data:`FAR` times the fastest of the logs, since a curve through these is no curve of all
 #: speeds. A limit from :data:`BELIEVABLE` [rad/s, m/s] on is a place-holder: :data:`BEYOND` times the fastest then.
@@ -88,7 +90,7 @@ def physical_constraints(
     both = np.array([[-1.0], [1.0]])
     # Also where only the starting model is curved: less of a viscous term could let the rest drive.
     for j in _joints(terms, base, _is_viscous, lambda s: s.family().viscous_powers != (1,)):
-        oppose(j, _SPEEDS * fastest[j], _is_viscous, _per_speed)
+        oppose(j, np.array([_NEAR_REST, *_SPEEDS]) * fastest[j], _is_viscous, _per_speed)
         beyond = np.ravel(both * (fastest[j] + _BETWEEN * (reach[j] - fastest[j])))
         # A starting model that drives where these logs do not reach, or was made on slower ones, says nothing there.
         if reach[j] > fastest[j] and all(started(j, speed, _is_lasting, brakes) >= 0 for speed in beyond):

@@ -13,7 +13,7 @@ from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.further import at_the_end, first_as_good, refine
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import ACCEPTED, Judge, covers, joined
+from hybrid_dynamics.loop.trace import ACCEPTED, Judge, covers, joined, same_place
 
 
 def richer_laws(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -42,8 +42,12 @@ def plainer_laws(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
     for asked in chosen:
         term, plain = asked, None if judge.evidence.in_base(asked) else asked.family().plainer(asked)
         while plain is not None:
+            known = _is_known(judge, out, term)
+            if known and plain.effect != term.effect:
+                # Another effect's law has been asked for in its place by the search.
+                break
             there, trial = refine(judge.at(out).adding([plain]), _instead(out, term, plain), [plain.place])
-            if _is_known(judge, out, term):
+            if known:
                 judge, left = first_as_good(there.adding(out), out, [trial])
             else:
                 judge, left = there, trial
@@ -54,9 +58,15 @@ def plainer_laws(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term
     return judge.at(out), out
 
 
+def _plainer_law(term: Term) -> Term | None:
+    """The next plainer law of the same effect."""
+    plain = term.family().plainer(term)
+    return plain if plain is not None and plain.effect == term.effect else None
+
+
 def _instead(terms: Sequence[Term], term: Term, plain: Term) -> list[Term]:
-    """``terms`` with ``plain`` in the place of ``term``."""
-    return [plain if t == term else t for t in terms]
+    """``terms`` with ``plain`` in the place of ``term``, and of what else takes its place."""
+    return [plain if t == term else t for t in terms if t == term or not same_place(t, plain)]
 
 
 def _with_richer(judge: Judge, out: list[Term], laws: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -75,9 +85,9 @@ def _with_richer(judge: Judge, out: list[Term], laws: Sequence[Term]) -> tuple[J
         taken = None if at_the_end([law]) else _taken(there.adding(out), out, trial, law)
         if taken is not None:
             return taken, trial
-        plain = kind.plainer(law)
+        plain = _plainer_law(law)
         # The plainest one the search has asked for itself.
-        if plain is None or kind.plainer(plain) is None:
+        if plain is None or _plainer_law(plain) is None:
             return judge, out
         there, trial = refine(there.at(trial).adding([plain]), _instead(trial, law, plain), [place])
 
@@ -97,7 +107,7 @@ def within_bounds(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Ter
     the judge there."""
     out = list(chosen)
     for term in at_the_end(out):
-        plain = term.family().plainer(term)
+        plain = _plainer_law(term)
         if plain is not None and not judge.evidence.in_base(term):
             judge, out = refine(judge.at(out).adding([plain]), _instead(out, term, plain), [plain.place])
     return judge, out
