@@ -120,7 +120,7 @@ def test_friction_that_turns_over_along_the_way_is_no_unit(panda, monkeypatch, j
     assert found.severity == "hard"
     monkeypatch.setattr(units_module, "PRESLIDING", ())
     assert units(panda, log) == []
-    own = torque_module.check_own_units
+    own = units_module.check_own_units
 
     def as_described(robot, parts, columns, gravity, fits):
         return own(robot, parts, columns, gravity, [replace(f, left=0.0) for f in fits])
@@ -128,3 +128,17 @@ def test_friction_that_turns_over_along_the_way_is_no_unit(panda, monkeypatch, j
     monkeypatch.setattr(torque_module, "check_own_units", as_described)
     (wrong,) = units(panda, log)
     assert wrong.severity == "hard"
+
+
+@pytest.mark.parametrize(
+    ("joints", "factor", "severity"),
+    [((6,), 1000.0, "hard"), ((6,), 0.1, "hard"), ((4, 6), 1000.0, "hard"), ((), 1.0, "")],
+)
+def test_a_wrist_in_another_unit_is_told_of_an_arm_with_a_tool_that_the_model_lacks(panda, joints, factor, severity):
+    """Then the links as described do not explain it, times any factor: other links do, next to exactly."""
+    tool = Term("payload")
+    numbers = tool.family().parameters_of(np.r_[8.0, 1.2, 0.0, 1.6, 0.34, 0.34, 0.02, 0.0, -0.12, 0.0], panda, tool)
+    log = recorded(panda, [*FRICTION, Effect("payload", (), numbers)], 8.0, 3)
+    other = np.where(np.isin(np.arange(7), joints), factor, 1.0)
+    found = units(panda, log.with_signals(tau=log["tau"] * other))
+    assert [f.severity for f in found] == ([severity] if severity else [])

@@ -261,7 +261,9 @@ def test_a_sign_that_turns_over_slowly_has_as_much_to_lose(panda):
         assert not limits.satisfied(x * np.array([1.0, 1.02]))
 
 
-@pytest.mark.parametrize(("numbers", "allowed"), [((-0.5, 9.0), False), ((0.5, 9.0), True), ((0.5, -0.2), True)])
+@pytest.mark.parametrize(
+    ("numbers", "allowed"), [((-0.5, 9.0), False), ((-1e-6, 9.0), False), ((0.5, 9.0), True), ((0.5, -0.2), True)]
+)
 def test_a_curve_without_a_viscous_term_opposes_the_motion_near_rest_too(panda, numbers, allowed):
     """-.5 v + 9 v^2 brakes from a tenth of the fastest speed on, and drives below a twentieth."""
     curve = Term("nonlinear_viscous_friction", 2)

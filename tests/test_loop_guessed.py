@@ -124,3 +124,39 @@ def test_a_guess_goes_before_the_name_that_it_spoils(monkeypatch: pytest.MonkeyP
     # Control: where the guess stays, names go for it.
     monkeypatch.setattr(confirm_module, "without_wrong", lambda found, names, model, *_: (model, []))
     assert confirm(judge, Model(ROBOT), found.model(named), found, logs.test, candidates).refused
+
+
+def test_a_guess_that_has_gone_is_not_guessed_again_and_what_a_name_stood_for_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The shoulder's dry friction is named viscous friction and refused; what is guessed of the elbow is wrong."""
+    settings = LoopSettings()
+    train, _ = excitations(ROBOT, [FRICTION, offset(1.0)], train=1, test=0, duration=8.0, rate=250.0)
+    _, test = excitations(ROBOT, [FRICTION, offset(-1.0)], train=0, test=1, duration=8.0, rate=250.0)
+    logs = read_motion(ROBOT, train, test, settings)
+    judge, candidates, _ = gather(Model(ROBOT), logs, settings)
+    viscous = next(t for t in candidates if t.effect == "viscous_friction" and t.joint == 0)
+    other = Term("armature", 1)
+    guess = Term("torque_offset", 1, ((HELD, 5.0),))
+    names = [viscous, other]
+    judge = judge.adding([*names, guess]).at([*names, guess])
+    fitted = refit(judge.evidence, [*names, guess])
+    found = Found(names, fitted.x[:2], [], [], [], judge.over(fitted.evidence), Model(ROBOT), [guess])
+    tested = confirm_module.test_change
+
+    def change(judge: Any, tests: Any, full: Model, without: Model, names: int) -> confirm_module.TestChange:
+        said = tested(judge, tests, full, without, names)
+        of_name = [e for m in (full, without) for e in m.effects if e.effect == "viscous_friction" and e.is_finding]
+        named = len(of_name) == 1
+        return replace(said, contradicts=True, per_joint=np.zeros(2)) if named else replace(said, contradicts=False)
+
+    monkeypatch.setattr(confirm_module, "test_change", change)
+    monkeypatch.setattr(confirm_module, "_harm_to_its_joint", lambda *_: None)
+    monkeypatch.setattr(confirm_module, "_worse_joints", lambda *_: [])
+    monkeypatch.setattr(confirm_module, "_unknown", lambda *_: None)
+    said = confirm(judge, Model(ROBOT), found.model(names), found, logs.test, candidates)
+    assert said.refused == (viscous,)
+    assert [g for g, _ in said.guesses] == [guess]
+    assert not any(e.effect == "torque_offset" and e.joints == (ELBOW,) for e in said.model.effects)
+    (dry,) = [e for e in said.model.effects if e.effect == "coulomb_friction" and e.joints == (SHOULDER,)]
+    assert dry.parameters["coulomb_torque"] == pytest.approx(0.8, abs=0.1)

@@ -16,15 +16,14 @@ from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.effects.inertial_parameters import LINKS
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, Model
-from hybrid_dynamics.loop import find as find_module
 from hybrid_dynamics.loop import known as known_module
 from hybrid_dynamics.loop.augment import refit
-from hybrid_dynamics.loop.beside import LINKS_WITHIN, all_beside, speaks_against
+from hybrid_dynamics.loop.beside import LINKS_WITHIN, all_beside, links_too, speaks_against
 from hybrid_dynamics.loop.confirm import confirm
 from hybrid_dynamics.loop.describe import _beside, _estimated
 from hybrid_dynamics.loop.diagnosis import errors_of
 from hybrid_dynamics.loop.found import Found
-from hybrid_dynamics.loop.known import _published, in_doubt, with_links
+from hybrid_dynamics.loop.known import with_links
 from hybrid_dynamics.loop.model import load_model
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import Run
@@ -143,7 +142,7 @@ def test_a_name_that_is_sure_only_of_links_exactly_as_described_goes(
     def nothing_is_known_of_it(_: Judge, names: list[Term], __: object, fixed: Sequence[Term]) -> Term | None:
         return gain if gain in names and gain not in fixed else None
 
-    monkeypatch.setattr(known_module, "_least_known", nothing_is_known_of_it)
+    monkeypatch.setattr(known_module, "least_known", nothing_is_known_of_it)
     _, kept, out = with_links(judge, [*named, gain], plain, candidates, ())
     assert kept == (named if goes else [*named, gain])
     assert bool(held_links(out)) is goes
@@ -159,11 +158,13 @@ def test_a_name_is_asked_beside_links_that_are_off_by_a_quarter(monkeypatch: pyt
     judge, plain = all_beside(judge, named, candidates)
     seen: list[float] = []
 
-    def published(there: Judge, names: list[Term], beside: list[Term]) -> tuple[Judge, list[Effect]]:
-        seen.extend(float(t.options[HELD]) for t in held_links(beside))
-        return _published(there, names, beside)
+    published = known_module.published
 
-    monkeypatch.setattr(known_module, "_published", published)
+    def watched(there: Judge, names: list[Term], beside: list[Term]) -> tuple[Judge, list[Effect]]:
+        seen.extend(float(t.options[HELD]) for t in held_links(beside))
+        return published(there, names, beside)
+
+    monkeypatch.setattr(known_module, "published", watched)
     _, _, out = with_links(judge, named, plain, candidates, ())
     (near,) = held_links(out)
     assert (seen[0], seen[-1]) == (max(LINKS_WITHIN), near.options[HELD])
@@ -189,7 +190,7 @@ def test_a_law_that_goes_leaves_what_is_plain_of_its_joint(monkeypatch: pytest.M
     names = [law, named[1]]
     judge = judge.adding([law]).at(names)
     judge, plain = all_beside(judge, names, candidates)
-    monkeypatch.setattr(known_module, "_least_known", lambda _, kept, *__: law if law in kept else None)
+    monkeypatch.setattr(known_module, "least_known", lambda _, kept, *__: law if law in kept else None)
     _, kept, out = with_links(judge, names, plain, candidates, ())
     assert kept == [named[1]]
     assert {(t.effect, t.joint) for t in out} >= {("coulomb_friction", 0), ("torque_offset", 0)}
@@ -198,7 +199,7 @@ def test_a_law_that_goes_leaves_what_is_plain_of_its_joint(monkeypatch: pytest.M
 def known_by_decree(monkeypatch: pytest.MonkeyPatch, *said: Term | None) -> None:
     """Of what nothing is known, time after time; in the end of nothing."""
     answers = iter(said)
-    monkeypatch.setattr(known_module, "_least_known", lambda *_: next(answers, None))
+    monkeypatch.setattr(known_module, "least_known", lambda *_: next(answers, None))
 
 
 def test_a_name_is_asked_beside_the_links_as_they_are_held_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -214,48 +215,15 @@ def test_a_name_is_asked_beside_the_links_as_they_are_held_in_the_end(monkeypatc
     known_by_decree(monkeypatch, None, named[1])
     monkeypatch.setattr(known_module, "speaks_against", lambda _, after, before: len(asked) > 1)
     asked: list[int] = []
-    links = known_module.links_too
-    monkeypatch.setattr(known_module, "links_too", lambda *given: (asked.append(1), links(*given))[1])
+
+    def links(*given: Any) -> tuple[Judge, list[Term]]:
+        asked.append(1)
+        return links_too(*given)
+
+    monkeypatch.setattr(known_module, "links_too", links)
     _, kept, out = with_links(judge, named, plain, candidates, ())
     assert kept == named
     assert held_links(out)
-
-
-def test_names_are_in_doubt_that_are_known_beside_exact_links_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    judge, candidates, _, named = judged([heavier_links(0.15), *FRICTION])
-    judge, plain = all_beside(judge, named, candidates)
-    assert not in_doubt(judge, named, plain, candidates, ())
-    monkeypatch.setattr(known_module, "_least_known", lambda _, kept, __, fixed: None if fixed else kept[0])
-    assert in_doubt(judge, named, plain, candidates, ())
-    # Controls: what is fixed is not asked; links that stand beside the names have been asked for; no name, no doubt.
-    assert not in_doubt(judge, named, plain, candidates, named)
-    near = Term("inertial_parameters", None, ((HELD, 0.25), (LINKS, (SHOULDER, ELBOW))))
-    assert not in_doubt(judge.adding([near]), named, [*plain, near], candidates, ())
-    assert not in_doubt(judge, [], plain, candidates, ())
-    # And where the links are as described there is none either.
-    judge, candidates, _, named = judged(FRICTION)
-    judge, plain = all_beside(judge, named, candidates)
-    assert not in_doubt(judge, named, plain, candidates, ())
-
-
-@pytest.mark.parametrize(
-    ("doubted", "taken"),
-    [([True], 0), ([False, False], 1), ([True, False], 1), ([False, True], 0), ([True, False, True], 1)],
-)
-def test_the_last_end_counts_unless_its_names_are_in_doubt(
-    monkeypatch: pytest.MonkeyPatch, doubted: list[bool], taken: int
-) -> None:
-    nothing: Any = None
-    ends: list[Any] = [([], nothing, nothing, [Term("torque_offset", k)], []) for k in range(len(doubted))]
-
-    def asked(_: Any, names: list[Term], *__: Any) -> bool:
-        return doubted[names[0].index]
-
-    monkeypatch.setattr(find_module, "in_doubt", asked)
-    assert find_module._soundest(ends, [], []) is ends[taken]
-    # Where all are in doubt what was asked for last stays.
-    monkeypatch.setattr(find_module, "in_doubt", lambda *_: True)
-    assert find_module._soundest(ends, [], []) is ends[-1]
 
 
 @pytest.mark.parametrize("runs", [1, 2])

@@ -41,8 +41,9 @@ CURE = (
 )
 #: A joint has a say about units of their own where links leave, with a factor of its own, less than the first share of
 #: what friction and the like leave of its torque (mean square), and where that is more than the second of all (rms);
-#: and where the links as described leave less than :data:`EXPLAINED`, or the first share where it alone is off. (In
-#: small motion links and a factor make much of a wrist's friction that turns over along the way.)
+#: and where the links as described leave less than :data:`EXPLAINED` of it, or the first share where it alone is off,
+#: or any links less than :data:`LEFT`. (In small motion links and a factor make much of a wrist's friction that turns
+#: over along the way.)
 SETTLED, SAYS = 0.2, 0.1
 #: In one unit links leave this share more of a joint's, and of all of them so many times what they do with a factor a
 #: joint, which is at least the third. Of 400 simulated logs of one unit, with all the catalogue hidden in them, none
@@ -116,15 +117,15 @@ def check_own_units(
     factors = shown.factors(start / np.exp(np.log(start).mean()))
     own = shown.left(factors)
     as_described = np.array([fits[j].left for j in shown.joints])
-    says = (own < SETTLED) & (shown.share > SAYS) & (as_described < EXPLAINED)
+    says = (own < SETTLED) & (shown.share > SAYS) & ((as_described < EXPLAINED) | (own < LEFT))
     worse = np.where(says, one - own, 0.0)
     times = float(one[says].sum()) / max(float(own[says].sum()), LEAST)
     if says.sum() < 2 or worse.max() < LEFT or times < TIMES or np.ptp(np.log(factors[says])) < np.log(APART):
         return []
     typical = float(np.median(np.log(factors[says])))
     off = says & (np.abs(np.log(factors) - typical) > np.log(OFF))
-    if off.sum() == 1 and as_described[off][0] > SETTLED:
-        # Where all others are as described this one is, too, times its factor: what is left of it has another cause.
+    if off.sum() == 1 and as_described[off][0] > SETTLED and own[off][0] > LEFT:
+        # Neither links as described nor any others explain it but for a factor: what is left of it has another cause.
         return []
     # Of few joints and a few seconds, links and factors together can make much of anything.
     enough = says.sum() >= MANY or times > SURELY

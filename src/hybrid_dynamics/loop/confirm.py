@@ -154,7 +154,9 @@ def confirm(
         model = without
     refused += unknown
     if refused:
-        own, model = _filled(judge, base, own, kept, model, tests, candidates)
+        # What has gone as a guess is not guessed again.
+        offered = [c for c in candidates if not any(same_place(c, guess.as_finding) for guess, _ in guesses)]
+        own, model = _filled(judge, base, own, kept, model, tests, offered)
         _, model, further = _without_guesses(judge, base, own, kept, model, tests)
         guesses += further
     inactive = [e for s, e in zip(found.terms, found.named(full), strict=True) if s in refused]

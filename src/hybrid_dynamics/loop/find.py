@@ -28,7 +28,7 @@ from hybrid_dynamics.loop.further import (
     simplify_bodies,
 )
 from hybrid_dynamics.loop.in_the_hand import payload_for_links
-from hybrid_dynamics.loop.known import in_doubt, known_and_beside, known_nearer, much_worse, notes_on, taken_back
+from hybrid_dynamics.loop.known import known_and_beside, known_nearer, much_worse, notes_on, taken_back
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.narrow import narrowed
@@ -42,6 +42,7 @@ from hybrid_dynamics.loop.scale import gain_for_links, links_for_gain
 from hybrid_dynamics.loop.search import Step, search
 from hybrid_dynamics.loop.signs import choose_signs
 from hybrid_dynamics.loop.slow_sign import slow_signs
+from hybrid_dynamics.loop.soundest import End, soundest
 from hybrid_dynamics.loop.trace import LEFT, Judge, elsewhere, same_place
 from hybrid_dynamics.loop.wandering import without_wandering
 from hybrid_dynamics.loop.weighing import as_left, lower_floor, weighed_by
@@ -53,8 +54,6 @@ MOST_WEIGHINGS = 2
 LOUD = 2.0
 #: So often at most others are asked after something has been let go of.
 MOST_RETURNS = 2
-#: What was chosen and is surely there, the judge at what stands in the end, names, and what is estimated beside them.
-_End = tuple[list[Term], "_Sifted", Judge, list[Term], list[Term]]
 
 
 def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None], start: Model | None = None) -> Found:
@@ -102,14 +101,15 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
             split = split.adding(known)
             return Found(merged, x, wholes_of(parts), [*steps, *further], notes, split, start)
     judge, chosen = _drop_guesses(judge, chosen)
-    ends: list[_End] = []
+    ends, rounds = list[End](), list[tuple[list[Term], _Sifted]]()
     for left in reversed(range(1 + MOST_RETURNS)):
         judge, chosen, common, further = _surely(judge, chosen, candidates, looked, report)
         sifted = _sifted(judge, chosen, candidates, common, looked, report)
         steps += [*further, *sifted.steps]
         judge, chosen = sifted.judge.adding(given), [*given, *(t for t in sifted.terms if t not in given)]
         there, names, beside = known_and_beside(judge, chosen, candidates, sifted.unsure, given)
-        ends.append((chosen, sifted, there, names, beside))
+        ends.append(End(there, names, beside, candidates))
+        rounds.append((chosen, sifted))
         lost = _missed(judge, chosen, names, beside) if left else []
         if not lost:
             break
@@ -118,8 +118,9 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, chosen, further = _refined(judge, rest, candidates, report)
         judge, chosen = _in_simplest_form(judge, chosen, candidates)
         steps += further
-    chosen, sifted, there, names, beside = _soundest(ends, candidates, given)
-    there, names, beside, nearer = known_nearer(there, names, beside, given)
+    taken = soundest(ends, given)
+    (chosen, sifted), end_of = rounds[taken], ends[taken]
+    there, names, beside, nearer = known_nearer(end_of.judge, end_of.names, end_of.beside, given)
     joints = judge.evidence.robot.joint_names
     notes = [*notes_of(sifted.unknown, joints), *notes_on(taken_back(chosen, names), joints), *nearer]
     there, names, beside, astray = without_wandering(there, names, beside, given)
@@ -199,19 +200,6 @@ def _missed(judge: Judge, chosen: Sequence[Term], names: Sequence[Term], beside:
     held = judge.evidence.held
     after, before = held([*names, *beside], physical=True), held(list(chosen), physical=True)
     return lost if much_worse(judge, after, before) else []
-
-
-def _soundest(ends: Sequence[_End], candidates: Sequence[Term], given: Collection[Term]) -> _End:
-    """The last of ``ends``; where its names do not hold beside links that are off, the first one whose names do.
-
-    What is asked for in the place of what had gone must hold where that did not. (Found on seven seconds of a Rokae
-    AR5: a gain had gone, and a curved friction, another gain and a centre of mass came, which the test run
-    contradicted.)
-    """
-    last = ends[-1]
-    if len(ends) == 1 or not in_doubt(*last[2:], candidates, given):
-        return last
-    return next((e for e in ends[:-1] if not in_doubt(*e[2:], candidates, given)), last)
 
 
 def with_contacts(found: Found, logs: Logs) -> Found:

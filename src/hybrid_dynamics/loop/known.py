@@ -50,12 +50,12 @@ def known_and_beside(
         judge = as_left(judge.at(names), names)
         judge, beside = all_beside(judge, names, candidates, unsure, found)
         judge = as_left(judge, [*names, *beside])
-        judge, effects = _published(judge, names, beside)
+        judge, effects = published(judge, names, beside)
         judge, plainer = _plainer(judge, names, effects, candidates, fixed)
         if plainer != names:
             names = plainer
             continue
-        least = _least_known(judge, names, effects, fixed)
+        least = least_known(judge, names, effects, fixed)
         if least is None:
             return with_links(judge, names, beside, candidates, fixed)
         found |= _size(least, effects[names.index(least)])
@@ -85,8 +85,8 @@ def known_nearer(
         near, notes = links_nearer(there, kept, plain)
         if near is there:
             break
-        _, effects = _published(near, kept, plain)
-        least = _least_known(near, kept, effects, fixed)
+        _, effects = published(near, kept, plain)
+        least = least_known(near, kept, effects, fixed)
         if least is None:
             return near, kept, plain, notes
         if not least.family().everywhere:
@@ -125,7 +125,8 @@ def with_links(
     what is plain of its joint comes in its place. (Found on four seconds of a Panda: a gain of 1.02 known to eleven
     standard errors, and to one of them beside links.) Where other runs surely miss what went, where it is missed so
     much that links cannot stand for it (:func:`much_worse`, on parts of a single run, too), or nothing would stay
-    named, the links stay away, and all names stay.
+    named, the links stay away, and all names stay. Names are asked once more beside the links as they are held in the
+    end, where others may make what a name had made; by the same rules, and with what stays the links do.
     """
     there, links = links_too(judge, [*names, *beside], candidates) if names else (judge, [])
     if not links:
@@ -136,8 +137,8 @@ def with_links(
         while kept:
             doubted = links_near(there, [*kept, *plain], candidates, widest)
             there = as_left(there.adding(doubted), [*kept, *plain, *doubted])
-            there, effects = _published(there, kept, [*plain, *doubted])
-            least = _least_known(there, kept, effects, fixed)
+            there, effects = published(there, kept, [*plain, *doubted])
+            least = least_known(there, kept, effects, fixed)
             if least is None:
                 break
             there, plain = _set_beside(there, kept, plain, doubted, least, effects, candidates)
@@ -151,10 +152,10 @@ def with_links(
         after = asked.evidence.held([*kept, *plain, *links], physical=True)
         if speaks_against(asked, after, before) or (len(kept) < len(names) and much_worse(asked, after, before)):
             return settled
-        there, effects = _published(as_left(there, [*kept, *plain, *links]), kept, [*plain, *links])
+        there, effects = published(as_left(there, [*kept, *plain, *links]), kept, [*plain, *links])
         settled = there, list(kept), [*plain, *links]
         # Where the links are held otherwise in the end, others make what a name had made.
-        least = _least_known(there, kept, effects, fixed)
+        least = least_known(there, kept, effects, fixed)
         if least is None:
             return settled
         there, plain = _set_beside(there, kept, plain, links, least, effects, candidates)
@@ -181,22 +182,6 @@ def _set_beside(
     return judge, [*plain, *held]
 
 
-def in_doubt(
-    judge: Judge, names: Sequence[Term], beside: Sequence[Term], candidates: Sequence[Term], fixed: Collection[Term]
-) -> bool:
-    """True where links are off, do not stand ``beside`` the ``names``, and of one of these nothing is known beside
-    links that are off by a quarter (:func:`with_links`): it is named since held-out rows miss it."""
-    if not names or any(t.family().all_links for t in (*names, *beside)):
-        return False
-    there, links = links_too(judge, [*names, *beside], candidates)
-    if not links:
-        return False
-    doubted = links_near(there, [*names, *beside], candidates, max(LINKS_WITHIN))
-    there = as_left(there.adding(doubted), [*names, *beside, *doubted])
-    there, effects = _published(there, names, [*beside, *doubted])
-    return _least_known(there, names, effects, fixed) is not None
-
-
 def much_worse(judge: Judge, new: Held, old: Held) -> bool:
     """True where ``new`` predicts held-out rows worse than ``old`` beyond uncertainty, one joint :data:`WRONG` times
     so: no link stands for what went then."""
@@ -204,9 +189,7 @@ def much_worse(judge: Judge, new: Held, old: Held) -> bool:
     return bool(much) and not judge.as_good(new, old)
 
 
-def _least_known(
-    judge: Judge, names: Sequence[Term], effects: Sequence[Effect], fixed: Collection[Term]
-) -> Term | None:
+def least_known(judge: Judge, names: Sequence[Term], effects: Sequence[Effect], fixed: Collection[Term]) -> Term | None:
     """:func:`unknown` of ``names`` and their ``effects``, without what is ``fixed``."""
     own = zip(names, effects, strict=True)
     return unknown({t: e for t, e in own if t not in fixed}, judge.evidence.robot)
@@ -266,7 +249,7 @@ def _all_alike(effect: Effect, names: Sequence[str]) -> bool:
     return bool(np.ptp(values) < np.linalg.norm([effect.std_errors.get(name, 0.0) for name in names]))
 
 
-def _published(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Effect]]:
+def published(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Effect]]:
     """The judge where all stands re-fitted, and the effects of ``names`` with their standard errors."""
     fitted = refit(judge.evidence, [*names, *beside])
     judge = judge.over(fitted.evidence)

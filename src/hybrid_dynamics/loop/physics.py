@@ -23,8 +23,7 @@ from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
 #: Shares of a joint's fastest speed at which its viscous terms, or all its friction once warm, must oppose the motion;
-#: and viscous terms near rest, where of a curve only its lowest power is left. (A curve that was left alone had a
-#: square of less than nothing there.)
+#: and viscous terms near rest. (A curve that was left alone had a square of less than nothing, and drove there.)
 _SPEEDS, _NEAR_REST = np.linspace(0.1, 1.0, 10), 1e-3
 #: Beyond that speed all friction of a joint with a curve must oppose the motion up to the speed the URDF allows, at
 #: these shares; at most :data:`FAR` times the fastest of the logs, since a curve through these is no curve of all
@@ -90,6 +89,9 @@ def physical_constraints(
     both = np.array([[-1.0], [1.0]])
     # Also where only the starting model is curved: less of a viscous term could let the rest drive.
     for j in _joints(terms, base, _is_viscous, lambda s: s.family().viscous_powers != (1,)):
+        powers = {p for t in (*terms, *base) if t.joint == j and _is_viscous(t) for p in t.family().viscous_powers}
+        if min(powers) > 1:
+            oppose(j, np.array([float(min(powers))]), _is_viscous, _alone)
         oppose(j, np.array([_NEAR_REST, *_SPEEDS]) * fastest[j], _is_viscous, _per_speed)
         beyond = np.ravel(both * (fastest[j] + _BETWEEN * (reach[j] - fastest[j])))
         # A starting model that drives where these logs do not reach, or was made on slower ones, says nothing there.
@@ -113,6 +115,11 @@ def speeds_to_oppose(robot: Robot, fastest: Array) -> Array:
 def _per_speed(term: Term, speed: float) -> Array:
     """Viscous torque at ``speed`` [rad/s], divided by it, of one unit of each coordinate of ``term``."""
     return np.array([speed ** (power - 1) for power in term.family().viscous_powers])
+
+
+def _alone(term: Term, power: float) -> Array:
+    """Where a joint is about to stand, of its viscous terms the lowest ``power`` of the speed alone is left."""
+    return np.array([float(own == power) for own in term.family().viscous_powers])
 
 
 def _joints(
