@@ -181,6 +181,8 @@ def _without_guesses(
         lambda m: ends_worse(judge, base, m, tests),
         lambda m: _squares(moving_errors(m, tests)),
     )
+    if not gone:
+        return found, model, []
     left = [t for t in found.beside if not any(t == guess for guess, _ in gone)]
     return replace(found, beside=left), model, gone
 
