@@ -156,7 +156,7 @@ def judged_beside_links(judged, monkeypatch, unknown):
         return judge.adding(links), links
 
     monkeypatch.setattr(known, "links_too", near)
-    monkeypatch.setattr(known, "least_known", lambda j, kept, *of: unknown if unknown in kept else None)
+    monkeypatch.setattr(known, "_least_known", lambda j, kept, *of: unknown if unknown in kept else None)
     _, kept, beside = known.with_links(judge, names, [], terms, ())
     return names, kept, beside
 

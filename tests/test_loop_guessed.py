@@ -21,6 +21,7 @@ from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.guessed import without_wrong
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.process import Run
+from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.simulation.excitation import excitations
 
 ROBOT = arm()
@@ -33,19 +34,25 @@ def offset(value: float, joint: str = ELBOW) -> Effect:
     return Effect("torque_offset", (joint,), {"offset": value})
 
 
-def asked(in_training: list[Effect], in_test: list[Effect]) -> tuple[Found, Confirmation, list[Run]]:
-    """Friction of the shoulder is named, offsets of both joints are guessed beside it; the test runs are asked."""
+def logged(in_training: list[Effect], in_test: list[Effect]) -> tuple[Judge, list[Term], list[Run]]:
+    """Evidence of a training run, candidates, and a test run."""
     settings = LoopSettings()
     train, _ = excitations(ROBOT, in_training, train=1, test=0, duration=8.0, rate=250.0)
     _, test = excitations(ROBOT, in_test, train=0, test=1, duration=8.0, rate=250.0)
     logs = read_motion(ROBOT, train, test, settings)
     judge, candidates, _ = gather(Model(ROBOT), logs, settings)
+    return judge, candidates, logs.test
+
+
+def asked(in_training: list[Effect], in_test: list[Effect]) -> tuple[Found, Confirmation, list[Run]]:
+    """Friction of the shoulder is named, offsets of both joints are guessed beside it; the test runs are asked."""
+    judge, candidates, tests = logged(in_training, in_test)
     named = [next(t for t in candidates if t.effect == "coulomb_friction" and t.joint == 0)]
     guesses = [Term("torque_offset", j, ((HELD, 5.0),)) for j in range(2)]
     judge = judge.adding(guesses).at([*named, *guesses])
     fitted = refit(judge.evidence, [*named, *guesses])
     found = Found(named, fitted.x[:1], [], [], [], judge.over(fitted.evidence), Model(ROBOT), guesses)
-    return found, confirm(judge, Model(ROBOT), found.model(named), found, logs.test, candidates), logs.test
+    return found, confirm(judge, Model(ROBOT), found.model(named), found, tests, candidates), tests
 
 
 @pytest.mark.parametrize(("later", "gone"), [(1.0, []), (0.6, []), (0.0, [ELBOW]), (-1.0, [ELBOW])])
@@ -95,11 +102,7 @@ def test_links_that_help_one_joint_much_stay_though_they_harm_another(
 def test_a_guess_goes_before_the_name_that_it_spoils(monkeypatch: pytest.MonkeyPatch) -> None:
     """The elbow ends worse by what is guessed of it, and the test runs would be better off without its friction, too:
     as long as the guess stands."""
-    settings = LoopSettings()
-    train, _ = excitations(ROBOT, [FRICTION, DRY, offset(1.0)], train=1, test=0, duration=8.0, rate=250.0)
-    _, test = excitations(ROBOT, [FRICTION, DRY, offset(-1.0)], train=0, test=1, duration=8.0, rate=250.0)
-    logs = read_motion(ROBOT, train, test, settings)
-    judge, candidates, _ = gather(Model(ROBOT), logs, settings)
+    judge, candidates, tests = logged([FRICTION, DRY, offset(1.0)], [FRICTION, DRY, offset(-1.0)])
     named = [next(t for t in candidates if t.effect == "coulomb_friction" and t.joint == j) for j in range(2)]
     guess = Term("torque_offset", 1, ((HELD, 5.0),))
     judge = judge.adding([guess]).at([*named, guess])
@@ -116,25 +119,21 @@ def test_a_guess_goes_before_the_name_that_it_spoils(monkeypatch: pytest.MonkeyP
         return replace(said, contradicts=True, per_joint=np.zeros(2)) if spoils else said
 
     monkeypatch.setattr(confirm_module, "test_change", change)
-    said = confirm(judge, Model(ROBOT), found.model(named), found, logs.test, candidates)
+    said = confirm(judge, Model(ROBOT), found.model(named), found, tests, candidates)
     assert [g for g, _ in said.guesses] == [guess]
     assert said.refused == ()
     assert asked
     assert all(e.is_finding for m in asked for e in m.effects)
     # Control: where the guess stays, names go for it.
     monkeypatch.setattr(confirm_module, "without_wrong", lambda found, names, model, *_: (model, []))
-    assert confirm(judge, Model(ROBOT), found.model(named), found, logs.test, candidates).refused
+    assert confirm(judge, Model(ROBOT), found.model(named), found, tests, candidates).refused
 
 
 def test_a_guess_that_has_gone_is_not_guessed_again_and_what_a_name_stood_for_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The shoulder's dry friction is named viscous friction and refused; what is guessed of the elbow is wrong."""
-    settings = LoopSettings()
-    train, _ = excitations(ROBOT, [FRICTION, offset(1.0)], train=1, test=0, duration=8.0, rate=250.0)
-    _, test = excitations(ROBOT, [FRICTION, offset(-1.0)], train=0, test=1, duration=8.0, rate=250.0)
-    logs = read_motion(ROBOT, train, test, settings)
-    judge, candidates, _ = gather(Model(ROBOT), logs, settings)
+    judge, candidates, tests = logged([FRICTION, offset(1.0)], [FRICTION, offset(-1.0)])
     viscous = next(t for t in candidates if t.effect == "viscous_friction" and t.joint == 0)
     other = Term("armature", 1)
     guess = Term("torque_offset", 1, ((HELD, 5.0),))
@@ -154,7 +153,7 @@ def test_a_guess_that_has_gone_is_not_guessed_again_and_what_a_name_stood_for_is
     monkeypatch.setattr(confirm_module, "_harm_to_its_joint", lambda *_: None)
     monkeypatch.setattr(confirm_module, "_worse_joints", lambda *_: [])
     monkeypatch.setattr(confirm_module, "_unknown", lambda *_: None)
-    said = confirm(judge, Model(ROBOT), found.model(names), found, logs.test, candidates)
+    said = confirm(judge, Model(ROBOT), found.model(names), found, tests, candidates)
     assert said.refused == (viscous,)
     assert [g for g, _ in said.guesses] == [guess]
     assert not any(e.effect == "torque_offset" and e.joints == (ELBOW,) for e in said.model.effects)

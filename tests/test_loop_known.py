@@ -198,7 +198,7 @@ def test_a_law_that_held_out_rows_surely_miss_stays_however_little_is_known_of_i
     law = falls(0.2)
     judge, candidates = judged([noisy_log([hidden], seed + k, "train", NOISE) for k in (1, 2)], law)
     judge = judge.at([law])
-    published = known_module.published
+    published = known_module._published
 
     def doubtful(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Effect]]:
         """As if the velocity were known to less than its size."""
@@ -206,7 +206,7 @@ def test_a_law_that_held_out_rows_surely_miss_stays_however_little_is_known_of_i
         errors = [{**e.std_errors, "stribeck_velocity": 1.0} for e in effects]
         return judge, [replace(e, std_errors=own) for e, own in zip(effects, errors, strict=True)]
 
-    monkeypatch.setattr(known_module, "published", doubtful)
+    monkeypatch.setattr(known_module, "_published", doubtful)
     assert [t.effect for t in known_and_beside(judge, [law], candidates, [], [])[1]] == ["stribeck_friction"]
     # Control: of plain dry friction nothing is missed.
     judge, candidates = judged([noisy_log([dry(1.0)], seed + k, "train", NOISE) for k in (1, 2)], law)
@@ -223,7 +223,7 @@ def test_friction_that_turns_over_along_a_way_nobody_knows_is_dry_friction(
     judge, candidates = judged([noisy_log([hidden], seed + k, "train", NOISE) for k in (1, 2)], law)
     judge = judge.at([law])
     assert known_and_beside(judge, [law], candidates, [], [])[1] == [law]
-    published = known_module.published
+    published = known_module._published
 
     def doubtful(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Effect]]:
         """As if the stiffness were known to less than its size."""
@@ -233,7 +233,7 @@ def test_friction_that_turns_over_along_a_way_nobody_knows_is_dry_friction(
             for e in effects
         ]
 
-    monkeypatch.setattr(known_module, "published", doubtful)
+    monkeypatch.setattr(known_module, "_published", doubtful)
     (name,) = known_and_beside(judge, [law], candidates, [], [])[1]
     assert (name.effect, name.options) == ("coulomb_friction", {"sign_displacement": 0.05})
 

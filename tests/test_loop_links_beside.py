@@ -142,7 +142,7 @@ def test_a_name_that_is_sure_only_of_links_exactly_as_described_goes(
     def nothing_is_known_of_it(_: Judge, names: list[Term], __: object, fixed: Sequence[Term]) -> Term | None:
         return gain if gain in names and gain not in fixed else None
 
-    monkeypatch.setattr(known_module, "least_known", nothing_is_known_of_it)
+    monkeypatch.setattr(known_module, "_least_known", nothing_is_known_of_it)
     _, kept, out = with_links(judge, [*named, gain], plain, candidates, ())
     assert kept == (named if goes else [*named, gain])
     assert bool(held_links(out)) is goes
@@ -158,13 +158,13 @@ def test_a_name_is_asked_beside_links_that_are_off_by_a_quarter(monkeypatch: pyt
     judge, plain = all_beside(judge, named, candidates)
     seen: list[float] = []
 
-    published = known_module.published
+    published = known_module._published
 
     def watched(there: Judge, names: list[Term], beside: list[Term]) -> tuple[Judge, list[Effect]]:
         seen.extend(float(t.options[HELD]) for t in held_links(beside))
         return published(there, names, beside)
 
-    monkeypatch.setattr(known_module, "published", watched)
+    monkeypatch.setattr(known_module, "_published", watched)
     _, _, out = with_links(judge, named, plain, candidates, ())
     (near,) = held_links(out)
     assert (seen[0], seen[-1]) == (max(LINKS_WITHIN), near.options[HELD])
@@ -190,7 +190,7 @@ def test_a_law_that_goes_leaves_what_is_plain_of_its_joint(monkeypatch: pytest.M
     names = [law, named[1]]
     judge = judge.adding([law]).at(names)
     judge, plain = all_beside(judge, names, candidates)
-    monkeypatch.setattr(known_module, "least_known", lambda _, kept, *__: law if law in kept else None)
+    monkeypatch.setattr(known_module, "_least_known", lambda _, kept, *__: law if law in kept else None)
     _, kept, out = with_links(judge, names, plain, candidates, ())
     assert kept == [named[1]]
     assert {(t.effect, t.joint) for t in out} >= {("coulomb_friction", 0), ("torque_offset", 0)}
@@ -199,7 +199,7 @@ def test_a_law_that_goes_leaves_what_is_plain_of_its_joint(monkeypatch: pytest.M
 def known_by_decree(monkeypatch: pytest.MonkeyPatch, *said: Term | None) -> None:
     """Of what nothing is known, time after time; in the end of nothing."""
     answers = iter(said)
-    monkeypatch.setattr(known_module, "least_known", lambda *_: next(answers, None))
+    monkeypatch.setattr(known_module, "_least_known", lambda *_: next(answers, None))
 
 
 def test_a_name_is_asked_beside_the_links_as_they_are_held_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -120,7 +120,7 @@ def test_a_name_that_nearer_links_make_as_little_as_its_error_stands_beside(
         effects = {LINKS: Effect(LINKS.effect, (), links, {"links": LINKS.options["links"]}), friction: dry}
         return there, [effects[t] for t in kept]
 
-    monkeypatch.setattr(known_module, "published", published)
+    monkeypatch.setattr(known_module, "_published", published)
     # A coefficient of which something is known from one standard error on.
     known = 0.5 / error > known_module.OF_SEVERAL
     there, kept, beside, notes = known_module.known_nearer(judge, names, [], [])
@@ -144,7 +144,7 @@ def test_a_name_that_nearer_links_make_as_little_as_its_error_stands_beside(
     # Nor do nearer links cost a name that not every joint has.
     monkeypatch.setattr(known_module, "links_nearer", near)
     with monkeypatch.context() as patched:
-        patched.setattr(known_module, "least_known", lambda there, kept, effects, fixed: kept[0])
+        patched.setattr(known_module, "_least_known", lambda there, kept, effects, fixed: kept[0])
         assert known_module.known_nearer(judge, names, [], []) == (judge, names, [], [])
     # Control: with links as free as before nobody is asked.
     asked.clear()

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from tests.small_arm import arm
+from tests.small_arm import heavier_links
 from tests.test_loop_links_beside import ELBOW, FRICTION, SHOULDER, judged
 from tests.test_loop_missed import judged as judged_of
 
@@ -15,15 +15,12 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.effects.inertial_parameters import LINKS
 from hybrid_dynamics.loop import find as find_module
+from hybrid_dynamics.loop import known as known_module
 from hybrid_dynamics.loop import soundest as module
 from hybrid_dynamics.loop.beside import all_beside
 from hybrid_dynamics.loop.known import known_and_beside
 from hybrid_dynamics.loop.soundest import End, in_doubt, soundest
 from hybrid_dynamics.loop.trace import Judge
-
-from tests.small_arm import heavier_links  # isort: skip
-
-ROBOT = arm()
 
 
 def test_names_are_in_doubt_that_are_known_beside_exact_links_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,7 +32,7 @@ def test_names_are_in_doubt_that_are_known_beside_exact_links_alone(monkeypatch:
     def nothing_is_known(_: Judge, names: Sequence[Term], __: object, fixed: Collection[Term]) -> Term | None:
         return None if fixed else names[0]
 
-    monkeypatch.setattr(module, "least_known", nothing_is_known)
+    monkeypatch.setattr(known_module, "_least_known", nothing_is_known)
     assert in_doubt(end, ())
     # Controls: what is given is not asked; links that stand beside the names have been asked for; no name, no doubt;
     # and without the links among what the logs are asked for there is nothing to doubt by.

@@ -101,15 +101,14 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
             split = split.adding(known)
             return Found(merged, x, wholes_of(parts), [*steps, *further], notes, split, start)
     judge, chosen = _drop_guesses(judge, chosen)
-    ends, rounds = list[End](), list[tuple[list[Term], _Sifted]]()
+    rounds = list[tuple[End, list[Term], _Sifted]]()
     for left in reversed(range(1 + MOST_RETURNS)):
         judge, chosen, common, further = _surely(judge, chosen, candidates, looked, report)
         sifted = _sifted(judge, chosen, candidates, common, looked, report)
         steps += [*further, *sifted.steps]
         judge, chosen = sifted.judge.adding(given), [*given, *(t for t in sifted.terms if t not in given)]
         there, names, beside = known_and_beside(judge, chosen, candidates, sifted.unsure, given)
-        ends.append(End(there, names, beside, candidates))
-        rounds.append((chosen, sifted))
+        rounds.append((End(there, names, beside, candidates), chosen, sifted))
         lost = _missed(judge, chosen, names, beside) if left else []
         if not lost:
             break
@@ -118,9 +117,8 @@ def find(judge: Judge, candidates: Sequence[Term], report: Callable[[Step], None
         judge, chosen, further = _refined(judge, rest, candidates, report)
         judge, chosen = _in_simplest_form(judge, chosen, candidates)
         steps += further
-    taken = soundest(ends, given)
-    (chosen, sifted), end_of = rounds[taken], ends[taken]
-    there, names, beside, nearer = known_nearer(end_of.judge, end_of.names, end_of.beside, given)
+    taken, chosen, sifted = rounds[soundest([r[0] for r in rounds], given)]
+    there, names, beside, nearer = known_nearer(taken.judge, taken.names, taken.beside, given)
     joints = judge.evidence.robot.joint_names
     notes = [*notes_of(sifted.unknown, joints), *notes_on(taken_back(chosen, names), joints), *nearer]
     there, names, beside, astray = without_wandering(there, names, beside, given)

@@ -50,12 +50,12 @@ def known_and_beside(
         judge = as_left(judge.at(names), names)
         judge, beside = all_beside(judge, names, candidates, unsure, found)
         judge = as_left(judge, [*names, *beside])
-        judge, effects = published(judge, names, beside)
+        judge, effects = _published(judge, names, beside)
         judge, plainer = _plainer(judge, names, effects, candidates, fixed)
         if plainer != names:
             names = plainer
             continue
-        least = least_known(judge, names, effects, fixed)
+        least = _least_known(judge, names, effects, fixed)
         if least is None:
             return with_links(judge, names, beside, candidates, fixed)
         found |= _size(least, effects[names.index(least)])
@@ -85,8 +85,8 @@ def known_nearer(
         near, notes = links_nearer(there, kept, plain)
         if near is there:
             break
-        _, effects = published(near, kept, plain)
-        least = least_known(near, kept, effects, fixed)
+        _, effects = _published(near, kept, plain)
+        least = _least_known(near, kept, effects, fixed)
         if least is None:
             return near, kept, plain, notes
         if not least.family().everywhere:
@@ -128,17 +128,14 @@ def with_links(
     named, the links stay away, and all names stay. Names are asked once more beside the links as they are held in the
     end, where others may make what a name had made; by the same rules, and with what stays the links do.
     """
+    settled = judge, list(names), list(beside)
     there, links = links_too(judge, [*names, *beside], candidates) if names else (judge, [])
     if not links:
-        return judge, list(names), list(beside)
-    kept, plain, widest = list(names), list(beside), max(LINKS_WITHIN)
-    settled = judge, list(names), list(beside)
+        return settled
+    kept, plain = list(names), list(beside)
     while True:
         while kept:
-            doubted = links_near(there, [*kept, *plain], candidates, widest)
-            there = as_left(there.adding(doubted), [*kept, *plain, *doubted])
-            there, effects = published(there, kept, [*plain, *doubted])
-            least = least_known(there, kept, effects, fixed)
+            there, doubted, effects, least = least_beside_links(there, kept, plain, candidates, fixed)
             if least is None:
                 break
             there, plain = _set_beside(there, kept, plain, doubted, least, effects, candidates)
@@ -152,13 +149,24 @@ def with_links(
         after = asked.evidence.held([*kept, *plain, *links], physical=True)
         if speaks_against(asked, after, before) or (len(kept) < len(names) and much_worse(asked, after, before)):
             return settled
-        there, effects = published(as_left(there, [*kept, *plain, *links]), kept, [*plain, *links])
+        there, effects = _published(as_left(there, [*kept, *plain, *links]), kept, [*plain, *links])
         settled = there, list(kept), [*plain, *links]
         # Where the links are held otherwise in the end, others make what a name had made.
-        least = least_known(there, kept, effects, fixed)
+        least = _least_known(there, kept, effects, fixed)
         if least is None:
             return settled
         there, plain = _set_beside(there, kept, plain, links, least, effects, candidates)
+
+
+def least_beside_links(
+    judge: Judge, names: Sequence[Term], beside: Sequence[Term], candidates: Sequence[Term], fixed: Collection[Term]
+) -> tuple[Judge, list[Term], list[Effect], Term | None]:
+    """The judge beside links that are off by a quarter (the widest of :data:`LINKS_WITHIN`), these, the effects of
+    ``names`` there, and the least sure of the names of which nothing is known then."""
+    doubted = links_near(judge, [*names, *beside], candidates, max(LINKS_WITHIN))
+    judge = as_left(judge.adding(doubted), [*names, *beside, *doubted])
+    judge, effects = _published(judge, names, [*beside, *doubted])
+    return judge, doubted, effects, _least_known(judge, names, effects, fixed)
 
 
 def _set_beside(
@@ -189,7 +197,9 @@ def much_worse(judge: Judge, new: Held, old: Held) -> bool:
     return bool(much) and not judge.as_good(new, old)
 
 
-def least_known(judge: Judge, names: Sequence[Term], effects: Sequence[Effect], fixed: Collection[Term]) -> Term | None:
+def _least_known(
+    judge: Judge, names: Sequence[Term], effects: Sequence[Effect], fixed: Collection[Term]
+) -> Term | None:
     """:func:`unknown` of ``names`` and their ``effects``, without what is ``fixed``."""
     own = zip(names, effects, strict=True)
     return unknown({t: e for t, e in own if t not in fixed}, judge.evidence.robot)
@@ -249,7 +259,7 @@ def _all_alike(effect: Effect, names: Sequence[str]) -> bool:
     return bool(np.ptp(values) < np.linalg.norm([effect.std_errors.get(name, 0.0) for name in names]))
 
 
-def published(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Effect]]:
+def _published(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Effect]]:
     """The judge where all stands re-fitted, and the effects of ``names`` with their standard errors."""
     fitted = refit(judge.evidence, [*names, *beside])
     judge = judge.over(fitted.evidence)

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hybrid_dynamics.effects import Term
-from hybrid_dynamics.loop.beside import LINKS_WITHIN, links_near, links_too
-from hybrid_dynamics.loop.known import least_known, published
+from hybrid_dynamics.loop.beside import links_too
+from hybrid_dynamics.loop.known import least_beside_links
 from hybrid_dynamics.loop.trace import Judge
-from hybrid_dynamics.loop.weighing import as_left
 
 
 @dataclass(frozen=True)
@@ -46,16 +45,10 @@ def soundest(ends: Sequence[End], given: Collection[Term]) -> int:
 def in_doubt(end: End, given: Collection[Term]) -> bool:
     """True where links are off, do not stand beside the names, and of one of these nothing is known beside links that
     are off by a quarter (:func:`~.known.with_links`): it is named since held-out rows miss it."""
-    stand = [*end.names, *end.beside]
-    if not end.names or any(t.family().all_links for t in stand):
+    if not end.names:
         return False
-    there, links = links_too(end.judge, stand, end.candidates)
-    if not links:
-        return False
-    doubted = links_near(there, stand, end.candidates, max(LINKS_WITHIN))
-    there = as_left(there.adding(doubted), [*stand, *doubted])
-    there, effects = published(there, end.names, [*end.beside, *doubted])
-    return least_known(there, end.names, effects, given) is not None
+    there, links = links_too(end.judge, [*end.names, *end.beside], end.candidates)
+    return bool(links) and least_beside_links(there, end.names, end.beside, end.candidates, given)[-1] is not None
 
 
 def _left(end: End) -> float:
