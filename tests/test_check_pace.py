@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from tests.panda_arm import FRICTION, JOINTS, load_panda, recorded
 
+from hybrid_dynamics.check.columns import columns_of, standing
+from hybrid_dynamics.check.completed import true_stretches
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.torque import check_torque
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.check.weight import weigh
+from hybrid_dynamics.effects import Effect, Term, predict
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 
@@ -72,3 +75,45 @@ def test_a_torque_that_nobody_measured_is_no_clock(panda, run):
     tau[:, 4:] = 0.0
     (found,) = clock(panda, run.with_signals(tau=tau), 2.0)
     assert "2 times too slow" in found.text
+
+
+@pytest.mark.parametrize("slower", [1.0, 0.5])
+def test_wrists_whose_current_is_hardly_ever_more_than_nothing_are_no_clock(panda, run, slower):
+    # A PAL TIAGo: one step of the wrists' current is more than they draw, so one sample in ten is another than 0.
+    rng = np.random.default_rng(0)
+    tau = run["tau"].copy()
+    tau[:, 4:] = 0.002 * (rng.random((len(tau), 3)) < 0.1)
+    found = clock(panda, run.with_signals(tau=tau), slower)
+    # Control: the joints that lift tell a clock that is off.
+    assert [f.severity for f in found] == ([] if slower == 1.0 else ["hard"])
+
+
+#: Friction that falls with the speed, as gears' does.
+FALLING = [
+    Effect("stribeck_friction", (j,), {"coulomb_torque": 0.5, "static_torque": 1.0, "stribeck_velocity": 0.05})
+    for j in JOINTS
+]
+
+
+def one_way(robot: Robot, seed: int) -> Trajectory:
+    """20 s at 100 Hz of all joints along one way, slowly: inertia makes a hundredth of the torque, or less."""
+    rng, time = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.01)
+    way = 0.05 * time + 0.05 * np.sin(6 * np.pi * time / 20.0)
+    q = np.array([0.0, 0.0, 0.0, -1.8, 0.0, 1.5, 0.0]) + 0.5 * rng.normal(size=7) * way[:, None]
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(robot, FALLING, q, dq, np.gradient(dq, time, axis=0), time)
+    return Trajectory("run", "train", time, {"q": q, "tau": tau + rng.normal(0.0, 0.005, tau.shape)})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_inertia_below_what_the_weight_may_be_off_by_tells_no_clock(panda, run, seed):
+    # Of a slow way along which friction falls, .03 +- .03 of an xArm's inertia had been told, and its log refused.
+    def own(log: Trajectory) -> float:
+        found = weigh(columns_of(panda, true_stretches(panda, [log])), standing(panda))
+        assert found is not None
+        return found.own_motion_error
+
+    assert own(one_way(panda, seed)) > 1.0
+    assert clock(panda, one_way(panda, seed), 1.0) == []
+    # Control: a lively motion tells it to a tenth.
+    assert own(run) < 0.1

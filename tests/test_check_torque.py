@@ -13,7 +13,7 @@ from hybrid_dynamics.check.forms import Forms
 from hybrid_dynamics.check.guess import Guess
 from hybrid_dynamics.check.order import places
 from hybrid_dynamics.check.samples import Stretch, direction, stretches
-from hybrid_dynamics.check.torque import _signs, check_torque, outvoted
+from hybrid_dynamics.check.torque import _shown_by, _signs, check_torque, outvoted
 from hybrid_dynamics.effects import Effect, predict
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.robots import Robot, find_description
@@ -376,6 +376,43 @@ def test_a_joint_that_moves_one_way_shows_no_sign_of_its_friction(panda, run):
     assert ("hard", "torque_sign", JOINTS[6]) not in told(panda, pull)
     # Control: a wrist that moves both ways, its torque turned round.
     assert ("hard", "torque_sign", JOINTS[6]) in told(panda, run.with_signals(tau=run["tau"] * (1 - 2 * way)))
+
+
+@pytest.mark.parametrize(("returns", "severity"), [(False, "warning"), (True, "hard")])
+def test_a_wrist_that_moves_one_way_shows_no_sign_of_its_position(panda, run, returns, severity):
+    # Friction that falls with the speed, or a cable: along one way it is a position that counts backwards.
+    time, wrist = run.time[:, None], np.arange(7) == 6
+    own = 0.4 * np.sin(1.3 * time) if returns else 0.1 * time + 0.04 * np.sin(1.3 * time)
+    q = np.where(wrist, own, run["q"])
+    dq = np.gradient(q, run.time, axis=0)
+    tau = predict(panda, FRICTION, q, dq, np.gradient(dq, run.time, axis=0), run.time)
+    tau = np.where(wrist, -2.0 * dq - 0.5 * np.sign(dq), tau)
+    parts = stretches([Trajectory("r", "train", run.time, {"q": q, "tau": tau})])
+    columns = columns_of(panda, parts)
+    told = Guess(standing(panda), (1,) * 7, tuple(range(7)), None, None, 1.0, (-4.0,) * 6 + (0.0,), 0.0)
+    best = replace(told, mirror=6, scores=(-4.0,) * 7, price=1.4)
+    shows = _shown_by(panda, parts, columns, Forms(columns), best)
+    (found,) = _signs(panda, told, best, columns, Forms(columns), np.concatenate([p.q for p in parts]), shows)
+    assert (found.severity, found.code, found.joint) == (severity, "position_sign", JOINTS[6])
+    assert bool(found.suggestion) == returns
+
+
+@pytest.mark.parametrize(("returns", "severity"), [(False, "warning"), (True, "hard")])
+def test_joints_that_move_one_way_are_not_refused_as_exchanged(panda, returns, severity):
+    # From pose to pose; the first and the last joint's torques look like each other's friction (as a KUKA's cables).
+    time = np.arange(0.0, 12.0, 0.005)
+    waves = np.array([1.0, 0.4, 0.3, -0.5, 0.4, 0.3, 0.0]), np.array([0.0] * 6 + [-1.2])
+    phases = 1.3 * time[:, None], 2.1 * time[:, None] + 1.0
+    q = np.array([0.0, -0.5, 0.0, -1.8, 0.0, 1.5, 0.0])
+    for size, phase in zip(waves, phases, strict=True):
+        q = q + size * (0.4 * np.sin(phase) if returns else 0.1 * time[:, None] + 0.04 * np.sin(phase))
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(panda, FRICTION, q, dq, np.gradient(dq, time, axis=0), time)
+    for here, there in ((0, 6), (6, 0)):
+        tau[:, here] = 0.5 * np.sign(dq[:, there]) + 3.0 * dq[:, there]
+    tau += np.random.default_rng(0).normal(0.0, 0.02, tau.shape)
+    found = [f for f in told(panda, Trajectory("r", "train", time, {"q": q, "tau": tau})) if f[1] == "joint_order"]
+    assert found == [(severity, "joint_order", JOINTS[0])]
 
 
 def test_a_wrist_that_turns_with_its_neighbour_is_not_refused_as_exchanged():

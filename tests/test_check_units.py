@@ -94,6 +94,17 @@ def test_a_joint_whose_torque_is_silent_has_no_say(panda, run):
     assert JOINTS[6] not in found.text.rsplit("is measured: ", 1)[1]
 
 
+@pytest.mark.parametrize("stands_at", [0.37, -0.0041])
+def test_a_torque_that_never_changes_hides_no_other_joints_unit_and_is_none(panda, run, stands_at):
+    # What an offset leaves of it is rounding, in which links would be beyond all others.
+    tau = run["tau"].copy()
+    tau[:, 5] = stands_at
+    assert units(panda, run.with_signals(tau=tau)) == []
+    # Control: the others' motor currents are told all the same.
+    (found,) = units(panda, run.with_signals(tau=np.where(np.arange(7) == 5, tau, 2.0 * tau / MOTORS)))
+    assert found.severity == "hard"
+
+
 def small_motion(robot, effects, seed):
     """7.6 s of a few tenths of a radian about some pose: little of what links make, and much of friction."""
     rng = np.random.default_rng(seed)

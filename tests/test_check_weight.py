@@ -93,6 +93,19 @@ def test_one_log_of_several_is_told_by_its_name(panda, run):
         check_before_fit(panda, [other, without(panda, run)])
 
 
+def test_wrists_whose_current_is_hardly_ever_more_than_nothing_hide_no_missing_weight(panda, run):
+    # They have next to no noise, and so told everything of the inertia: that there is none.
+    rng = np.random.default_rng(0)
+
+    def silent(log: Trajectory) -> Trajectory:
+        tau = log["tau"] + rng.normal(0.0, 0.1, log["tau"].shape)
+        tau[:, 4:] = 0.002 * (rng.random((len(tau), 3)) < 0.1)
+        return log.with_signals(tau=tau)
+
+    assert weighed(panda, silent(without(panda, run))) == ["hard"]
+    assert weighed(panda, silent(run)) == []
+
+
 @pytest.mark.parametrize("seconds", [8.0, 16.0])
 @pytest.mark.parametrize("name", ["ur5_robot.urdf", "xarm7.urdf", "ur3_robot.urdf"])
 def test_arms_of_other_makers_with_links_that_weigh_otherwise(name, seconds):

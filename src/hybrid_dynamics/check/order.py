@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from hybrid_dynamics.check.columns import Columns
 from hybrid_dynamics.check.cures import exchanged, reordered
@@ -10,14 +10,24 @@ from hybrid_dynamics.check.findings import Finding, Severity
 from hybrid_dynamics.check.guess import CHANGED, EXPLAINED, SETTLED, UNEXPLAINED, Guess, is_certain, left_of, shares_of
 from hybrid_dynamics.check.pulled import coupling_leaves
 
+#: Why a reading of joints that :func:`places` is told show nothing is in doubt.
+ONE_WAY = "of joints that move one way any torque that rises or falls looks the same"
 
-def places(names: Sequence[str], told: Guess, best: Guess, columns: Columns) -> list[Finding]:
-    """Columns that belong to other joints."""
+
+def places(
+    names: Sequence[str], told: Guess, best: Guess, columns: Columns, shows: Callable[[int], bool] = lambda j: True
+) -> list[Finding]:
+    """Columns that belong to other joints.
+
+    ``shows(j)``: whether joint ``j``, as ``best`` reads it, moves so that its torque can be told from others: along one
+    way friction is a constant and a slope, and so is what any joint lacks.
+    """
     moved = [j for j, k in enumerate(best.source) if j != k]
     pair = best.swap if best.swap is not None else tuple(moved)
     # Another order that leaves much itself may be no more than nearer to a law that joints share.
     explained = all(left_of(best.scores[j]) < UNEXPLAINED for j in pair)
-    severity: Severity = "hard" if explained and is_certain(told, best) else "warning"
+    shown = all(shows(j) for j in pair)
+    severity: Severity = "hard" if explained and shown and is_certain(told, best) else "warning"
     if len(pair) == 2 and _coupled(told, best, columns, pair):
         one, other = (names[j] for j in pair)
         text = (
@@ -27,7 +37,7 @@ def places(names: Sequence[str], told: Guess, best: Guess, columns: Columns) -> 
         )
         return [Finding("joint_order", "warning", text, joint=one)]
     if best.swap is not None:
-        return [_exchanged(names, told, best, best.swap, severity)]
+        return [_exchanged(names, told, best, best.swap, severity, shown)]
     if not moved:
         return []
     pairs = "; ".join(f"tau{best.source[j] + 1} fits the motion of {names[j]}" for j in moved)
@@ -35,7 +45,9 @@ def places(names: Sequence[str], told: Guess, best: Guess, columns: Columns) -> 
         f"torque and position columns do not belong together: {pairs} ({shares_of(told, best, moved)}); expected both "
         "in the order of the URDF's joints: exchange the columns"
     )
-    cure = reordered(best.source, ["tau"])
+    if not shown:
+        text = f"it looks as if {text}; {ONE_WAY}"
+    cure = reordered(best.source, ["tau"]) if shown else {}
     return [Finding("joint_order", severity, text, joint=names[moved[0]], suggestion=cure)]
 
 
@@ -52,7 +64,9 @@ def _coupled(told: Guess, best: Guess, columns: Columns, pair: tuple[int, ...]) 
     return coupling_leaves(columns, told.gravity, j, k) <= max(left_of(best.scores[j]), SETTLED)
 
 
-def _exchanged(names: Sequence[str], told: Guess, best: Guess, pair: tuple[int, int], severity: Severity) -> Finding:
+def _exchanged(
+    names: Sequence[str], told: Guess, best: Guess, pair: tuple[int, int], severity: Severity, shown: bool
+) -> Finding:
     """Positions of ``pair`` exchanged: certain only where both joints' torques say so.
 
     One joint that goes with the other's motion may as well be coupled to it, where the other's own torque is silent.
@@ -74,5 +88,7 @@ def _exchanged(names: Sequence[str], told: Guess, best: Guess, pair: tuple[int, 
         f"the {what} of {names[a]} and {names[b]} are exchanged ({shares}); expected the columns in the order of the "
         "URDF's joints: exchange the columns"
     )
-    cure = reordered(exchanged(len(names), a, b), ["q", "dq", "tau"] if moved else ["q", "dq"])
+    if not shown:
+        text = f"it looks as if {text}; {ONE_WAY}"
+    cure = reordered(exchanged(len(names), a, b), ["q", "dq", "tau"] if moved else ["q", "dq"]) if shown else {}
     return Finding("joint_order", severity, text, joint=names[a], suggestion=cure)

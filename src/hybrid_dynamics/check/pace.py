@@ -2,7 +2,8 @@
 
 A log of 250 samples a second that is read as one of 125 moves half as fast as the robot did: its inertia is in the
 torque four times, its weight once. Masses that are off change both. So the multiple of the links' inertia (beside
-rotors and friction, which are free) is compared with that of their weight.
+rotors and friction, which are free) is compared with that of their weight, on the joints that lift something: a wrist
+whose current is read in another unit, or is hardly ever more than nothing, holds no inertia whatever the clock.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 
 from hybrid_dynamics.check.columns import Columns
 from hybrid_dynamics.check.findings import Finding
-from hybrid_dynamics.check.weight import ERRORS, weigh
+from hybrid_dynamics.check.weight import ERRORS, WEIGHS, weigh
 from hybrid_dynamics.types import Array
 
 #: Clocks that are surely off by more than the first are doubted. By more than the second, and by about two as rates are
@@ -21,27 +22,29 @@ from hybrid_dynamics.types import Array
 DOUBTED, REFUSED, TWICE = 1.25, 1.5, 1.85
 #: Stamps in another unit are off by more; so is a torque without any inertia, which is no matter of the clock.
 FARTHEST = 30.0
-#: Weight in the torque, as a multiple of the model's, between which it is the links' and in N m.
-WEIGHS = (0.5, 2.0)
+#: Joints that hold their weight lift this share of all of it (mean square): else its unit is in question.
+MOSTLY = 0.5
 
 
 def check_pace(columns: Columns, gravity: Array) -> list[Finding]:
     """A clock that is off, where the torque shows inertia and weight under ``gravity`` (3,) [m/s^2] clearly enough."""
     found = weigh(columns, gravity)
-    if found is None or found.motion <= 0:
+    if found is None or found.own_motion <= 0:
         return []
-    share = found.modelled**2 / np.sum(found.modelled**2)
+    lifting = (WEIGHS[0] < found.weight) & (found.weight < WEIGHS[1])
+    own = np.where(lifting, found.modelled**2, 0.0)
+    share = own / own.sum()
     weight = float(share @ found.weight)
     weight_error = float(np.linalg.norm(share * found.weight_error))
-    if not WEIGHS[0] < weight < WEIGHS[1]:
+    if own.sum() < MOSTLY * np.sum(found.modelled**2):
         return []
-    pace = float(np.sqrt(found.motion / weight))
+    pace = float(np.sqrt(found.own_motion / weight))
     # As little off as both may be by their errors.
-    out = ERRORS * np.array([found.motion_error, weight_error])
+    out = ERRORS * np.array([found.own_motion_error, weight_error])
     if pace > 1:
-        least = float(np.sqrt(max(found.motion - out[0], 0.0) / (weight + out[1])))
+        least = float(np.sqrt(max(found.own_motion - out[0], 0.0) / (weight + out[1])))
     else:
-        least = float(np.sqrt(max(weight - out[1], 0.0) / (found.motion + out[0])))
+        least = float(np.sqrt(max(weight - out[1], 0.0) / (found.own_motion + out[0])))
     if least < DOUBTED:
         return []
     factor = max(pace, 1 / pace)
@@ -49,8 +52,8 @@ def check_pace(columns: Columns, gravity: Array) -> list[Finding]:
         return []
     text = (
         f"time stamps run about {factor:.2g} times too {'slow' if pace > 1 else 'fast'}: the torque holds "
-        f"{found.motion:.2f} +- {found.motion_error:.2f} times the inertia that the links have in this motion, and "
-        f"{weight:.2f} +- {weight_error:.2f} times their weight; expected seconds: "
+        f"{found.own_motion:.2f} +- {found.own_motion_error:.2f} times the inertia that the links have in this motion, "
+        f"and {weight:.2f} +- {weight_error:.2f} times their weight; expected seconds: "
         f"{'divide' if pace > 1 else 'multiply'} them by {factor:.2g} (250 Hz read as 125 Hz are 2 times too slow)"
     )
     certain = least > REFUSED and factor > TWICE

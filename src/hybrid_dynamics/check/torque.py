@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -26,11 +26,12 @@ from hybrid_dynamics.check.guess import (
     angle,
     best_guess,
     contradicted,
+    few_rows,
     is_certain,
     left_of,
     shares_of,
 )
-from hybrid_dynamics.check.order import places
+from hybrid_dynamics.check.order import ONE_WAY, places
 from hybrid_dynamics.check.pace import check_pace
 from hybrid_dynamics.check.pulled import body_leaves, spring_leaves
 from hybrid_dynamics.check.samples import SIGN_WIDTH, Stretch
@@ -90,11 +91,12 @@ def check_torque(
         return counted, gravity
     names = robot.joint_names
     q = np.concatenate([p.q for p in parts])
+    shows = _shown_by(model, parts, columns, forms, best)
     findings = [
         *weight,
         *counted,
-        *_signs(robot, told, best, columns, forms, q),
-        *places(names, told, best, columns),
+        *_signs(robot, told, best, columns, forms, q, shows),
+        *places(names, told, best, columns, shows),
         *_clock(told, best),
     ]
     if best.mirror is None and best.swap is None:
@@ -153,8 +155,16 @@ def _changed(told: Guess, best: Guess) -> list[int]:
     return [j for j, (a, b) in enumerate(zip(told.scores, best.scores, strict=True)) if abs(a - b) > CHANGED]
 
 
-def _signs(robot: Robot, told: Guess, best: Guess, columns: Columns, forms: Forms, q: Array) -> list[Finding]:
-    """Torque columns, or positions ``q`` (K, n) [rad], whose sign is wrong."""
+def _signs(
+    robot: Robot,
+    told: Guess,
+    best: Guess,
+    columns: Columns,
+    forms: Forms,
+    q: Array,
+    shows: Callable[[int], bool] = lambda j: True,
+) -> list[Finding]:
+    """Torque columns, or positions ``q`` (K, n) [rad], whose sign is wrong; ``shows``: as for :func:`.places`."""
     names = robot.joint_names
     if best.swap is not None:
         return []
@@ -173,10 +183,13 @@ def _signs(robot: Robot, told: Guess, best: Guess, columns: Columns, forms: Form
         heavy = not pulled and (
             left_of(best.scores[j]) >= UNEXPLAINED or _heavy(robot, columns, q, told, best, j, SETTLED)
         )
-        doubtful = pulled or heavy
-        if doubtful:
+        one_way = not shows(j)
+        doubtful = pulled or heavy or one_way
+        if pulled or heavy:
             what = "a spring" if pulled else "a tool or a link with its centre of mass elsewhere"
             text = f"it looks as if {text}; {what} at this joint that pulls the other way would look the same"
+        elif one_way:
+            text = f"it looks as if {text}; {ONE_WAY}"
         severity: Severity = "hard" if is_certain(told, best) and not doubtful else "warning"
         # What is not certain is no clear cure: nothing is turned round unasked.
         return [Finding("position_sign", severity, text, joint=names[j], suggestion={} if doubtful else cure)]
@@ -237,6 +250,16 @@ def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, shown: boo
     )
 
 
+def _shown_by(
+    model: Robot | Completed, parts: Sequence[Stretch], columns: Columns, forms: Forms, best: Guess
+) -> Callable[[int], bool]:
+    """Whether a joint shows its torque as the better guess reads it (:func:`_shows_its_sign`)."""
+    if best.swap is not None or best.mirror is not None:
+        columns = columns_of(model, few_rows(parts), best.swap, best.mirror)
+        forms = Forms(columns)
+    return lambda j: _shows_its_sign(columns, forms, best, j)
+
+
 def _shows_its_sign(columns: Columns, forms: Forms, best: Guess, j: int) -> bool:
     """Whether the joint moves both ways, or its torque is mostly that of its links; not by a rotor alone.
 
@@ -250,14 +273,15 @@ def _shows_its_sign(columns: Columns, forms: Forms, best: Guess, j: int) -> bool
 
     dq, own = columns.dq[:, j], fit(j, rotor=False)
     others = [f.coefficients[0] for k in range(forms.n) if k != j and (f := fit(k)).left < EXPLAINED]
-    if others and own.coefficients[0] > HEAVIER * float(np.median(others)):
+    heavy = bool(others) and own.coefficients[0] > HEAVIER * float(np.median(others))
+    if heavy:
         own = fit(j, rotor=False, links=False)
     if own.left >= EXPLAINED:
         return False
     if min(np.mean(dq > SIGN_WIDTH), np.mean(dq < -SIGN_WIDTH)) >= BOTH_WAYS:
         return True
     whole = fit(j)
-    return bool(whole.coefficients[0] * whole.rigid >= MOSTLY * columns.tau[:, best.source[j]].std())
+    return not heavy and bool(whole.coefficients[0] * whole.rigid >= MOSTLY * columns.tau[:, best.source[j]].std())
 
 
 def _clock(told: Guess, best: Guess) -> list[Finding]:

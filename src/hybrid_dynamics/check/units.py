@@ -61,6 +61,8 @@ PRESLIDING = (0.02, 0.1)
 ROWS, ROUNDS = 1500, 100
 #: Directions of the links' parameters that show less than this share of the clearest are not determined.
 _UNSEEN = 1e-11
+#: Of a column or a torque this share is rounding.
+_ROUNDING = 1e-9
 
 
 def check_unit(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.bool_]) -> list[Finding]:
@@ -171,11 +173,14 @@ class _Shown:
             basis, size, _ = np.linalg.svd(
                 beside / np.maximum(np.linalg.norm(beside, axis=0), 1e-300), full_matrices=False
             )
-            basis = basis[:, size > 1e-9]
+            basis = basis[:, size > _ROUNDING]
             torque = columns.tau[rows, j] - columns.tau[rows, j].mean()
             left, links = (x - basis @ (basis.T @ x) for x in (columns.tau[rows, j], regressor[:, j]))
             norm, whole = float(np.linalg.norm(left)), float(np.linalg.norm(torque))
-            if norm <= 1e-9 * whole or whole == 0.0 or np.linalg.norm(links) <= 1e-9 * np.linalg.norm(regressor[:, j]):
+            # Of a torque that never changes what is left is rounding, and in that unit links are beyond all others.
+            silent = whole <= _ROUNDING * np.linalg.norm(columns.tau[rows, j])
+            moves = np.linalg.norm(links) > _ROUNDING * np.linalg.norm(regressor[:, j])
+            if silent or not moves or norm <= _ROUNDING * whole:
                 continue
             joints.append(j)
             share.append(norm / whole)

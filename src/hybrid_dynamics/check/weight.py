@@ -34,6 +34,13 @@ ALL_THE_SAME = 0.1
 ANOTHER_UNIT = 0.8
 #: Weight that is in the torque twice, by the inertia in it.
 TWICE = (1.7, 2.3)
+#: Of no joint what links make is known better than to a tenth (in mean square), however little noise it has: one that
+#: nobody measured has none.
+TRUSTED = 100.0
+#: Links whose mass and centre are off leave this share of their weight (rms), whatever direction gravity has.
+SHAPE = 0.05
+#: Weight in the torque, as a multiple of the model's, between which it is the links' and in N m.
+WEIGHS = (0.5, 2.0)
 #: A column of which this share of its square sum is left is rounding.
 ROUNDING = 1e-9
 _FREE, _TORQUE = slice(4, 9), 9
@@ -42,11 +49,15 @@ _FREE, _TORQUE = slice(4, 9), 9
 @dataclass(frozen=True)
 class Weighed:
     """How many times what the model says is in the torque: ``motion`` of all joints, ``weight`` (m,) of the m joints
-    that have a say; with their standard errors. ``modelled`` (m,) [N m]: rms torque of these joints' weight;
-    ``explained`` (m,): share that links of any weight explain of what friction and the like leave of their torque."""
+    that have a say; with their standard errors. ``own_motion``: of those of these alone that hold their weight, about
+    (:data:`WEIGHS`), 0 where none does; its error holds what links that weigh otherwise leave. ``modelled`` (m,) [N m]:
+    rms torque of their weight; ``explained`` (m,): share that links of any weight explain of what friction and the like
+    leave of their torque."""
 
     motion: float
     motion_error: float
+    own_motion: float
+    own_motion_error: float
     weight: Array
     weight_error: Array
     modelled: Array
@@ -162,13 +173,18 @@ def weigh(columns: Columns, gravity: Array) -> Weighed | None:
     if says.sum() < min(2, n - 1) or not says.any():
         return None
     motion, weight = _estimate(rest, says, own)
-    left_out = [_estimate([_without_free(g) for g in whole - part], says, own) for part in grams]
+    lifting = np.flatnonzero(says)[(WEIGHS[0] < weight) & (weight < WEIGHS[1])]
     spread = np.sqrt(BLOCKS - 1)
+    without = [[_without_free(g) for g in whole - part] for part in grams]
+    off = _off([_fit(rest[j]) for j in lifting], SHAPE**2 * own[lifting])
+    motions, weights = zip(*(_estimate(each, says, own) for each in without), strict=True)
     return Weighed(
         motion,
-        spread * float(np.std([m for m, _ in left_out])),
+        spread * float(np.std(motions)),
+        _motion([_fit(rest[j]) for j in lifting]),
+        float(np.hypot(spread * np.std([_motion([_fit(each[j]) for j in lifting]) for each in without]), off)),
         weight,
-        spread * np.std([w for _, w in left_out], axis=0),
+        spread * np.std(weights, axis=0),
         np.sqrt(own[says] / rows),
         np.array(
             [1.0 - _fit(r)[2] / max(float(r[4, 4]), 1e-300) for r, speaks in zip(rest, says, strict=True) if speaks]
@@ -214,16 +230,32 @@ def _estimate(rest: list[Array], says: Array, own: Array) -> tuple[float, Array]
     """The multiple of the motion's torque in that of the joints where it is large, and of the weight's in those that
     have a say."""
     fits = [_fit(r) for r in rest]
-    told = np.array([t for _, t, _ in fits])
-    # By what each joint tells of the torque that is left.
-    trust = np.where(told >= STRONG**2 * told.max(), told, 0.0) / np.array([left for _, _, left in fits])
-    motion = float(trust @ np.array([x[0] for x, _, _ in fits])) / max(float(trust.sum()), 1e-300)
     weight = [
         np.sqrt(max(float(x[1:4] @ r[1:4, 1:4] @ x[1:4]), 0.0) / modelled)
         for r, (x, _, _), speaks, modelled in zip(rest, fits, says, own, strict=True)
         if speaks
     ]
-    return motion, np.array(weight)
+    return _motion(fits), np.array(weight)
+
+
+def _motion(fits: Sequence[tuple[Array, float, float]]) -> float:
+    """The multiple of the motion's torque in that of the joints of ``fits`` where it is large; 0 of no joints."""
+    trust = _trust(fits)
+    return float(trust @ np.array([x[0] for x, _, _ in fits])) / max(float(trust.sum()), 1e-300)
+
+
+def _off(fits: Sequence[tuple[Array, float, float]], shape: Array) -> float:
+    """What the multiple of the motion's torque in that of the joints of ``fits`` may be off by where their weight is by
+    ``shape`` (m,) (square sums)."""
+    trust = _trust(fits)
+    told = np.array([max(t, 1e-300) for _, t, _ in fits])
+    return float(np.sqrt(np.sum(trust**2 * shape / told))) / max(float(trust.sum()), 1e-300)
+
+
+def _trust(fits: Sequence[tuple[Array, float, float]]) -> Array:
+    """(m,) by what each joint tells of the torque that is left; nothing where the motion's torque is small."""
+    told, left = (np.array([fit[k] for fit in fits]) for k in (1, 2))
+    return np.asarray(np.minimum(np.where(told >= STRONG**2 * told.max(initial=0.0), told, 0.0) / left, TRUSTED))
 
 
 def _fit(r: Array) -> tuple[Array, float, float]:
