@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.small_arm import arm
 
-from hybrid_dynamics.effects import Effect, Term
+from hybrid_dynamics.effects import Effect, Term, predict
 from hybrid_dynamics.effects.sign import WIDTH
 from hybrid_dynamics.loop import LoopResult, LoopSettings, Model, close_loop, slow_sign
 from hybrid_dynamics.loop import find as find_module
@@ -18,6 +18,7 @@ from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.loop.tangents import covariance_with_settings
 from hybrid_dynamics.loop.trace import Judge
 from hybrid_dynamics.simulation.excitation import excitations
+from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = arm()
 SHOULDER, ELBOW = ROBOT.joint_names
@@ -85,6 +86,26 @@ def test_a_curve_of_three_numbers_is_a_step_where_noise_hides_the_difference(noi
     found = slow_sign.slow_signs(judge, own)[1]
     assert ([t.effect for t in found] == ["coulomb_friction"]) == step
     assert step or set(found) == set(own)
+
+
+def test_a_step_is_told_from_a_curve_where_the_joint_is_hardly_faster_than_it_is_wide() -> None:
+    """Slow runs: a curved viscous law, which goes on to bend, would brake less and less beyond them, and then drive."""
+    runs = []
+    for log in excitations(ROBOT, [], train=2, test=1, duration=8.0, rate=250.0):
+        for run in log:
+            time = 9.0 * run.time
+            dq = np.gradient(run["q"], time, axis=0)
+            step = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 2.0}, {WIDTH: 0.2})
+            tau = predict(ROBOT, [step, VISCOUS], run["q"], dq, np.gradient(dq, time, axis=0), time)
+            noise = np.random.default_rng(len(runs)).normal(0.0, 0.02, tau.shape)
+            runs.append(Trajectory(run.name, run.split, time, {"q": run["q"], "dq": dq, "tau": tau + noise}))
+    settings = LoopSettings()
+    judge, terms, _ = gather(Model(ROBOT), read_motion(ROBOT, runs[:2], runs[2:], settings), settings)
+    assert 0.25 < float(judge.evidence.problem.fastest[1]) < 0.45
+    own = [t for t in terms if t.joint == 1 and t.family().viscous_powers]
+    found = {t.effect: t.options for t in slow_sign.slow_signs(judge, own)[1]}
+    assert set(found) <= {"coulomb_friction", "viscous_friction"}
+    assert found["coulomb_friction"][WIDTH] == pytest.approx(0.2, rel=0.3)
 
 
 def test_a_sharp_sign_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,6 +59,8 @@ APART, OFF = 3.0, 1.5
 PRESLIDING = (0.02, 0.1)
 #: Rows looked at; rounds in which factors and links are found in turn.
 ROWS, ROUNDS = 1500, 100
+#: Parts of the rows, each predicted by the links of the others.
+PARTS = 5
 #: Directions of the links' parameters that show less than this share of the clearest are not determined.
 _UNSEEN = 1e-11
 #: Of a column or a torque this share is rounding.
@@ -131,7 +133,10 @@ def check_own_units(
         return []
     # Of few joints and a few seconds, links and factors together can make much of anything.
     enough = says.sum() >= MANY or times > SURELY
-    certain = enough and ((off.sum() > 1 and says.sum() > 2) or np.ptp(np.log(factors[says])) > np.log(MAX_SCALE))
+    carried = shown.held_out(factors)[says].sum() * TIMES < shown.held_out(np.ones_like(factors))[says].sum()
+    certain = (
+        enough and carried and ((off.sum() > 1 and says.sum() > 2) or np.ptp(np.log(factors[says])) > np.log(MAX_SCALE))
+    )
     most = int(np.argmax(worse))
     each = ", ".join(
         f"{robot.joint_names[shown.joints[i]]} {fits[shown.joints[i]].coefficients[0]:.3g}"
@@ -144,7 +149,10 @@ def check_own_units(
         f"{each}"
     )
     if not certain:
-        text = f"it looks as if {text}; one joint alone may lack something else: a counterweight, a coupling to another"
+        instead = "one joint alone may lack something else: a counterweight, a coupling to another"
+        if not carried:
+            instead = "other parts of these runs do not say so: record longer runs through more poses"
+        text = f"it looks as if {text}; {instead}"
     return [Finding("torque_unit", "hard" if certain else "warning", text)]
 
 
@@ -152,11 +160,14 @@ class _Shown:
     """What friction, rotor, offset, a spring and what the model has beside leave of each joint's torque, of size one,
     and what links could make of it; ``share`` of the torque (rms) that is."""
 
-    def __init__(self, joints: list[int], share: Array, grams: Array, products: Array) -> None:
+    def __init__(self, joints: list[int], share: Array, grams: Array, products: Array, squares: Array) -> None:
+        """Of each part of the rows: ``grams`` (PARTS, m, c, c) of what links make, its ``products`` (PARTS, m, c) with
+        the torque, and that one's ``squares`` (PARTS, m)."""
         self.joints = joints
         self.share = share
-        self._grams = grams
-        self._products = products
+        self._each = grams, products, squares
+        self._grams = grams.sum(axis=0)
+        self._products = products.sum(axis=0)
 
     @classmethod
     def of(cls, robot: Robot, parts: Sequence[Stretch], columns: Columns, gravity: Array) -> _Shown:
@@ -165,7 +176,8 @@ class _Shown:
         standing = robot.copy()
         standing.model.gravity.linear = gravity
         regressor = standing.regressor(q, dq, ddq)
-        joints, share, grams, products = [], [], [], []
+        joints, share, grams, products, squares = [], [], [], [], []
+        parted = np.array_split(np.arange(len(rows)), PARTS)
         for j in range(robot.n_joints):
             spring = np.column_stack([q[:, j], np.sin(q[:, j]), np.cos(q[:, j])])
             signs = [np.concatenate([presliding_sign(p.q[:, j], s) for p in parts])[rows] for s in PRESLIDING]
@@ -184,17 +196,29 @@ class _Shown:
                 continue
             joints.append(j)
             share.append(norm / whole)
-            grams.append(links.T @ links / norm**2)
-            products.append(links.T @ left / norm**2)
-        count = regressor.shape[2]
-        return cls(joints, np.array(share), np.reshape(grams, (-1, count, count)), np.reshape(products, (-1, count)))
+            left, links = left / norm, links / norm
+            grams.append([links[part].T @ links[part] for part in parted])
+            products.append([links[part].T @ left[part] for part in parted])
+            squares.append([left[part] @ left[part] for part in parted])
+        count, m = regressor.shape[2], len(joints)
+        shapes = ((m, PARTS, count, count), (m, PARTS, count), (m, PARTS))
+        each = (np.reshape(x, own).swapaxes(0, 1) for x, own in zip((grams, products, squares), shapes, strict=True))
+        return cls(joints, np.array(share), *each)
 
     def _best(self, factors: Array) -> tuple[Array, Array]:
         """What the links that explain most, where torque is ``factors`` (m,) times that in N m, have in common with
         each joint's torque, and their own mean square there (m,)."""
-        gram = np.einsum("m,mij->ij", factors**2, self._grams)
-        links = pinvh(gram, rtol=_UNSEEN) @ (factors @ self._products)
+        links = _links(factors, self._grams, self._products)
         return self._products @ links, np.einsum("i,mij,j->m", links, self._grams, links)
+
+    def held_out(self, factors: Array) -> Array:
+        """(m,) share of each joint's mean square that the best links of the other parts of the rows leave."""
+        out = np.zeros(len(self.joints))
+        for gram, product, square in zip(*self._each, strict=True):
+            links = _links(factors, self._grams - gram, self._products - product)
+            made = np.einsum("i,mij,j->m", links, gram, links)
+            out += np.maximum(square - 2.0 * factors * (product @ links) + factors**2 * made, 0.0)
+        return out
 
     def left(self, factors: Array) -> Array:
         """(m,) share of each joint's mean square that the best links leave."""
@@ -213,3 +237,9 @@ class _Shown:
             if settled:
                 break
         return out
+
+
+def _links(factors: Array, grams: Array, products: Array) -> Array:
+    """(c,) links that explain most, where torque is ``factors`` (m,) times that in N m."""
+    gram = np.einsum("m,mij->ij", factors**2, grams)
+    return np.asarray(pinvh(gram, rtol=_UNSEEN) @ (factors @ products))

@@ -16,8 +16,8 @@ from hybrid_dynamics.loop.one_setting import best_setting, stands_at_end
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge
 
-#: Widths [rad/s] beyond that of the grid, and as a share of the joint's fastest speed: wider ones are viscous friction.
-WIDEST, OF_FASTEST = 1.0, 0.4
+#: Widest step [rad/s], if the joint is ever as fast: what is wider than its motion is viscous friction.
+WIDEST = 1.0
 
 
 def slow_signs(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
@@ -87,7 +87,7 @@ def _best_step(judge: Judge, rest: Sequence[Term], joint: int) -> Term | None:
     """The dry friction of ``joint`` beside ``rest`` with the width that predicts best; None where that is no width."""
     evidence = judge.evidence
     offered = [t for t in evidence.terms if t.joint == joint and _is_dry(t)]
-    low, high = max(judge.settings.sign_widths), min(WIDEST, OF_FASTEST * float(evidence.problem.fastest[joint]))
+    low, high = max(judge.settings.sign_widths), min(WIDEST, float(evidence.problem.fastest[joint]))
     if not offered or not 0.0 < low < high:
         return None
 
