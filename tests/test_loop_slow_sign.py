@@ -90,7 +90,7 @@ def test_a_curve_of_three_numbers_is_a_step_where_noise_hides_the_difference(noi
 
 def test_a_step_is_told_from_a_curve_where_the_joint_is_hardly_faster_than_it_is_wide() -> None:
     """Slow runs: a curved viscous law, which goes on to bend, would brake less and less beyond them, and then drive."""
-    runs = []
+    runs: list[Trajectory] = []
     for log in excitations(ROBOT, [], train=2, test=1, duration=8.0, rate=250.0):
         for run in log:
             time = 9.0 * run.time

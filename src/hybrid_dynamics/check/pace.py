@@ -33,11 +33,11 @@ def check_pace(columns: Columns, gravity: Array) -> list[Finding]:
         return []
     lifting = (WEIGHS[0] < found.weight) & (found.weight < WEIGHS[1])
     own = np.where(lifting, found.modelled**2, 0.0)
+    if own.sum() < MOSTLY * np.sum(found.modelled**2):
+        return []
     share = own / own.sum()
     weight = float(share @ found.weight)
     weight_error = float(np.linalg.norm(share * found.weight_error))
-    if own.sum() < MOSTLY * np.sum(found.modelled**2):
-        return []
     pace = float(np.sqrt(found.own_motion / weight))
     # As little off as both may be by their errors.
     out = ERRORS * np.array([found.own_motion_error, weight_error])

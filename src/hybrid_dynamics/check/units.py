@@ -133,10 +133,9 @@ def check_own_units(
         return []
     # Of few joints and a few seconds, links and factors together can make much of anything.
     enough = says.sum() >= MANY or times > SURELY
-    carried = shown.held_out(factors)[says].sum() * TIMES < shown.held_out(np.ones_like(factors))[says].sum()
-    certain = (
-        enough and carried and ((off.sum() > 1 and says.sum() > 2) or np.ptp(np.log(factors[says])) > np.log(MAX_SCALE))
-    )
+    carried = _carries_over(shown, factors, says)
+    far = (off.sum() > 1 and says.sum() > 2) or np.ptp(np.log(factors[says])) > np.log(MAX_SCALE)
+    certain = enough and carried and far
     most = int(np.argmax(worse))
     each = ", ".join(
         f"{robot.joint_names[shown.joints[i]]} {fits[shown.joints[i]].coefficients[0]:.3g}"
@@ -154,6 +153,13 @@ def check_own_units(
             instead = "other parts of these runs do not say so: record longer runs through more poses"
         text = f"it looks as if {text}; {instead}"
     return [Finding("torque_unit", "hard" if certain else "warning", text)]
+
+
+def _carries_over(shown: _Shown, factors: Array, says: NDArray[np.bool_]) -> bool:
+    """Whether joints that have a say are explained by links and ``factors`` of the other parts of the rows, too, and
+    not by links of one unit."""
+    own, one = (shown.held_out(f)[says] for f in (factors, np.ones_like(factors)))
+    return bool(own.mean() < EXPLAINED and TIMES * own.sum() < one.sum())
 
 
 class _Shown:
