@@ -131,38 +131,75 @@ def test_friction_that_turns_over_along_the_way_is_no_unit(panda, monkeypatch, j
     assert found.severity == "hard"
     monkeypatch.setattr(units_module, "PRESLIDING", ())
     assert units(panda, log) == []
-    own = units_module.check_own_units
+    own = units_module._under
 
     def as_described(robot, parts, columns, gravity, fits):
         return own(robot, parts, columns, gravity, [replace(f, left=0.0) for f in fits])
 
-    monkeypatch.setattr(torque_module, "check_own_units", as_described)
+    monkeypatch.setattr(units_module, "_under", as_described)
     (wrong,) = units(panda, log)
-    assert "not in one unit" in wrong.text
+    # Links and factors of other parts say so of the fifth joint alone.
+    assert wrong.severity == ("hard" if joint == 5 else "warning")
 
 
-def test_factors_that_do_not_carry_over_to_other_parts_are_doubted_and_not_refused(panda, run, monkeypatch):
-    # Seven seconds of a few moves of a simulated WAM, every joint with presliding friction: links and factors made
-    # much of them, by factors up to 35 apart, and their log was refused.
-    currents = run.with_signals(tau=2.0 * run["tau"] / MOTORS)
+def few_moves(robot: Robot, seed: int) -> Trajectory:
+    """7.5 s of three moves from pose to pose, links that weigh otherwise than the URDF says, presliding friction."""
+    rng = np.random.default_rng(seed)
+    heavier = robot.copy()
+    for body in heavier.model.inertias.tolist()[1:]:
+        body.mass *= np.exp(0.2 * rng.normal())
+        body.lever = body.lever * np.exp(0.15 * rng.normal())
+    low, high = np.clip(robot.position_limits, -2.5, 2.5)
+    poses = (low + high) / 2 + 0.25 * (high - low) * rng.uniform(-1, 1, (4, 7))
+    time = np.arange(0.0, 7.5, 0.02)
+    share = np.clip(1.25 * (time / 2.5 % 1.0), 0.0, 1.0)[:, None]
+    smooth, move = share**3 * (10 - 15 * share + 6 * share**2), np.minimum((time / 2.5).astype(int), 2)
+    q = poses[move] + smooth * (poses[move + 1] - poses[move])
+    dq = np.gradient(q, time, axis=0)
+    rough = [
+        Effect("hysteresis_friction", (j,), {"presliding_stiffness": f / 0.15, "coulomb_torque": f})
+        for j, f in zip(JOINTS, 0.06 * robot.effort_limits, strict=True)
+    ]
+    tau = predict(heavier, rough, q, dq, np.gradient(dq, time, axis=0), time)
+    return Trajectory("run", "train", time, {"q": q, "tau": tau + 0.03 * tau.std(axis=0) * rng.normal(size=tau.shape)})
+
+
+@pytest.mark.parametrize("seed", [21, 43, 51])
+def test_a_few_moves_of_links_that_weigh_otherwise_are_no_unit(panda, monkeypatch, seed):
+    # Gravity seems turned by 16 to 19 degrees then, and no links at all make up for gravity that is not there.
+    log = few_moves(panda, seed)
+    findings, _ = check_torque(panda, [log])
+    assert [f.code for f in findings if f.severity == "hard"] == []
+    # By a share that links leave of any such log it is a matter of gravity alone.
+    monkeypatch.setattr(units_module, "FAILS", 0.0)
+    findings, _ = check_torque(panda, [log])
+    assert [f.code for f in findings if f.severity == "hard"] == []
+    # Control: under that gravity alone it is refused.
+    own = units_module.check_own_units
+
+    def under_that(robot, parts, columns, forms, gravities):
+        return own(robot, parts, columns, forms, gravities[:1])
+
+    monkeypatch.setattr(torque_module, "check_own_units", under_that)
+    (wrong,) = units(panda, log)
+    assert wrong.severity == "hard"
+
+
+def test_factors_of_motors_carry_over_and_links_of_one_unit_do_not(panda, run, monkeypatch):
     asked = []
     own = units_module._Shown.held_out
 
-    def held_out(shown, factors):
-        asked.append(own(shown, factors))
+    def held_out(shown, start):
+        asked.append(own(shown, start))
         return asked[-1]
 
     monkeypatch.setattr(units_module._Shown, "held_out", held_out)
-    (found,) = units(panda, currents)
+    (found,) = units(panda, run.with_signals(tau=2.0 * run["tau"] / MOTORS))
     assert found.severity == "hard"
-    # Of currents factors predict what they were not learnt from, and links of one unit do not.
     with_factors, without = asked
+    # The last wrist is mostly noise.
     assert np.all(with_factors[:6] < 0.02)
     assert without[:6].sum() > 20 * with_factors[:6].sum()
-    monkeypatch.setattr(units_module._Shown, "held_out", lambda shown, factors: np.ones(len(factors)))
-    (found,) = units(panda, currents)
-    assert found.severity == "warning"
-    assert "other parts of these runs do not say so" in found.text
 
 
 @pytest.mark.parametrize(

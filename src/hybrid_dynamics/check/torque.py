@@ -114,7 +114,9 @@ def check_torque(
         if not any(f.severity == "hard" for f in pace):
             unit = check_unit(names, fits, np.array(pulled))
             if not unit and as_told:
-                unit = check_own_units(robot, parts, columns, best.gravity, fits)
+                turned_by = angle(best.gravity, gravity)
+                ways = [best.gravity, *([gravity] if 0.0 < turned_by < WEIGHED_WRONGLY else [])]
+                unit = check_own_units(robot, parts, columns, forms, ways)
             findings += unit
         findings += pace
         if best.pace == 1.0:
@@ -253,11 +255,17 @@ def _one_sign(names: Sequence[str], told: Guess, best: Guess, j: int, shown: boo
 def _shown_by(
     model: Robot | Completed, parts: Sequence[Stretch], columns: Columns, forms: Forms, best: Guess
 ) -> Callable[[int], bool]:
-    """Whether a joint shows its torque as the better guess reads it (:func:`_shows_its_sign`)."""
+    """Whether a joint, as the better guess reads the log, moves both ways, or else shows its torque all the same
+    (:func:`_shows_its_sign`)."""
     if best.swap is not None or best.mirror is not None:
         columns = columns_of(model, few_rows(parts), best.swap, best.mirror)
         forms = Forms(columns)
-    return lambda j: _shows_its_sign(columns, forms, best, j)
+    return lambda j: _moves_both_ways(columns, j) or _shows_its_sign(columns, forms, best, j)
+
+
+def _moves_both_ways(columns: Columns, j: int) -> bool:
+    dq = columns.dq[:, j]
+    return bool(min(np.mean(dq > SIGN_WIDTH), np.mean(dq < -SIGN_WIDTH)) >= BOTH_WAYS)
 
 
 def _shows_its_sign(columns: Columns, forms: Forms, best: Guess, j: int) -> bool:
@@ -271,14 +279,14 @@ def _shows_its_sign(columns: Columns, forms: Forms, best: Guess, j: int) -> bool
     def fit(k: int, rotor: bool = True, links: bool = True) -> Fit:
         return forms.fit(k, best.gravity, best.source[k], best.sign[k], best.pace, rotor, links)
 
-    dq, own = columns.dq[:, j], fit(j, rotor=False)
+    own = fit(j, rotor=False)
     others = [f.coefficients[0] for k in range(forms.n) if k != j and (f := fit(k)).left < EXPLAINED]
     heavy = bool(others) and own.coefficients[0] > HEAVIER * float(np.median(others))
     if heavy:
         own = fit(j, rotor=False, links=False)
     if own.left >= EXPLAINED:
         return False
-    if min(np.mean(dq > SIGN_WIDTH), np.mean(dq < -SIGN_WIDTH)) >= BOTH_WAYS:
+    if _moves_both_ways(columns, j):
         return True
     whole = fit(j)
     return not heavy and bool(whole.coefficients[0] * whole.rigid >= MOSTLY * columns.tau[:, best.source[j]].std())

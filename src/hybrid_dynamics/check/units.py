@@ -17,7 +17,7 @@ from scipy.linalg import pinvh
 
 from hybrid_dynamics.check.columns import Columns
 from hybrid_dynamics.check.findings import Finding
-from hybrid_dynamics.check.forms import Fit
+from hybrid_dynamics.check.forms import Fit, Forms
 from hybrid_dynamics.check.guess import EXPLAINED
 from hybrid_dynamics.check.samples import Stretch
 from hybrid_dynamics.effects.sign import presliding_sign
@@ -45,6 +45,9 @@ CURE = (
 #: or any links less than :data:`LEFT`. (In small motion links and a factor make much of a wrist's friction that turns
 #: over along the way.)
 SETTLED, SAYS = 0.2, 0.1
+#: Links of one unit fail where they leave more than this share of a joint's: less is what links and the like, which are
+#: never quite as the loop may make them, leave.
+FAILS = 0.1
 #: In one unit links leave this share more of a joint's, and of all of them so many times what they do with a factor a
 #: joint, which is at least the third. Of 400 simulated logs of one unit, with all the catalogue hidden in them, none
 #: with factors that are apart comes to 1.3 times; of 100 with factors up to 20 apart four fifths come to twice.
@@ -99,18 +102,23 @@ def check_unit(names: Sequence[str], fits: Sequence[Fit], pulled: NDArray[np.boo
 
 
 def check_own_units(
-    robot: Robot,
-    parts: Sequence[Stretch],
-    columns: Columns,
-    gravity: Array,
-    fits: Sequence[Fit],
+    robot: Robot, parts: Sequence[Stretch], columns: Columns, forms: Forms, gravities: Sequence[Array]
 ) -> list[Finding]:
     """Torques each in a unit of its own: links of any mass and any centre leave much of them, and with a factor a joint
-    next to nothing.
+    next to nothing, whichever of ``gravities`` (3,) [m/s^2] holds: no links at all make up for a gravity that is not
+    there.
 
-    ``columns`` are those of ``parts``, ``fits`` how often each joint's torque holds the model's. One joint that is off
-    by itself, and not beyond all proportion, may lack something else.
+    ``columns`` and ``forms`` are those of ``parts``. One joint that is off by itself, and not beyond all proportion,
+    may lack something else.
     """
+    found = [_under(robot, parts, columns, g, [forms.fit(j, g) for j in range(forms.n)]) for g in gravities]
+    return min(found, key=lambda own: [f.severity == "hard" for f in own])
+
+
+def _under(
+    robot: Robot, parts: Sequence[Stretch], columns: Columns, gravity: Array, fits: Sequence[Fit]
+) -> list[Finding]:
+    """The same under ``gravity``, with ``fits`` as described."""
     shown = _Shown.of(robot, parts, columns, gravity)
     if len(shown.joints) < 2:
         return []
@@ -118,7 +126,8 @@ def check_own_units(
     if one.max() < LEFT:
         return []
     start = np.array([max(fits[j].coefficients[0], 1e-6) for j in shown.joints])
-    factors = shown.factors(start / np.exp(np.log(start).mean()))
+    start /= np.exp(np.log(start).mean())
+    factors = shown.factors(start)
     own = shown.left(factors)
     as_described = np.array([fits[j].left for j in shown.joints])
     says = (own < SETTLED) & (shown.share > SAYS) & ((as_described < EXPLAINED) | (own < LEFT))
@@ -133,9 +142,9 @@ def check_own_units(
         return []
     # Of few joints and a few seconds, links and factors together can make much of anything.
     enough = says.sum() >= MANY or times > SURELY
-    carried = _carries_over(shown, factors, says)
+    carried = _carries_over(shown, start, says)
     far = (off.sum() > 1 and says.sum() > 2) or np.ptp(np.log(factors[says])) > np.log(MAX_SCALE)
-    certain = enough and carried and far
+    certain = enough and carried and far and float(one[says].max()) > FAILS
     most = int(np.argmax(worse))
     each = ", ".join(
         f"{robot.joint_names[shown.joints[i]]} {fits[shown.joints[i]].coefficients[0]:.3g}"
@@ -155,10 +164,10 @@ def check_own_units(
     return [Finding("torque_unit", "hard" if certain else "warning", text)]
 
 
-def _carries_over(shown: _Shown, factors: Array, says: NDArray[np.bool_]) -> bool:
-    """Whether joints that have a say are explained by links and ``factors`` of the other parts of the rows, too, and
-    not by links of one unit."""
-    own, one = (shown.held_out(f)[says] for f in (factors, np.ones_like(factors)))
+def _carries_over(shown: _Shown, start: Array, says: NDArray[np.bool_]) -> bool:
+    """Whether joints that have a say are explained by links and factors of the other parts of the rows, too, and not by
+    links of one unit."""
+    own, one = (shown.held_out(first)[says] for first in (start, None))
     return bool(own.mean() < EXPLAINED and TIMES * own.sum() < one.sum())
 
 
@@ -211,17 +220,27 @@ class _Shown:
         each = (np.reshape(x, own).swapaxes(0, 1) for x, own in zip((grams, products, squares), shapes, strict=True))
         return cls(joints, np.array(share), *each)
 
+    def links(self, factors: Array) -> Array:
+        """(c,) links that explain most, where torque is ``factors`` (m,) times that in N m."""
+        gram = np.einsum("m,mij->ij", factors**2, self._grams)
+        return np.asarray(pinvh(gram, rtol=_UNSEEN) @ (factors @ self._products))
+
     def _best(self, factors: Array) -> tuple[Array, Array]:
         """What the links that explain most, where torque is ``factors`` (m,) times that in N m, have in common with
         each joint's torque, and their own mean square there (m,)."""
-        links = _links(factors, self._grams, self._products)
+        links = self.links(factors)
         return self._products @ links, np.einsum("i,mij,j->m", links, self._grams, links)
 
-    def held_out(self, factors: Array) -> Array:
-        """(m,) share of each joint's mean square that the best links of the other parts of the rows leave."""
+    def held_out(self, start: Array | None) -> Array:
+        """(m,) share of each joint's mean square that the best links of the other parts of the rows leave: in one unit,
+        or, from ``start``, with the best factors of those parts, too."""
         out = np.zeros(len(self.joints))
-        for gram, product, square in zip(*self._each, strict=True):
-            links = _links(factors, self._grams - gram, self._products - product)
+        for k in range(PARTS):
+            grams, products, squares = (np.delete(x, k, axis=0) for x in self._each)
+            others = _Shown(self.joints, self.share, grams, products, squares)
+            factors = np.ones(len(out)) if start is None else others.factors(start)
+            gram, product, square = (x[k] for x in self._each)
+            links = others.links(factors)
             made = np.einsum("i,mij,j->m", links, gram, links)
             out += np.maximum(square - 2.0 * factors * (product @ links) + factors**2 * made, 0.0)
         return out
@@ -243,9 +262,3 @@ class _Shown:
             if settled:
                 break
         return out
-
-
-def _links(factors: Array, grams: Array, products: Array) -> Array:
-    """(c,) links that explain most, where torque is ``factors`` (m,) times that in N m."""
-    gram = np.einsum("m,mij->ij", factors**2, grams)
-    return np.asarray(pinvh(gram, rtol=_UNSEEN) @ (factors @ products))

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_dynamics.check.columns import Columns, OfRun
 from hybrid_dynamics.check.findings import Finding
@@ -34,11 +35,13 @@ ALL_THE_SAME = 0.1
 ANOTHER_UNIT = 0.8
 #: Weight that is in the torque twice, by the inertia in it.
 TWICE = (1.7, 2.3)
-#: Of no joint what links make is known better than to a tenth (in mean square), however little noise it has: one that
-#: nobody measured has none.
+#: No joint is heard more than one of which a hundredth of what links make is left (square sums), however little noise
+#: it has: one that nobody measured has none.
 TRUSTED = 100.0
 #: Links whose mass and centre are off leave this share of their weight (rms), whatever direction gravity has.
 SHAPE = 0.05
+#: A joint lifts nothing where that is this share of what its links' inertia makes (square sums).
+NOTHING = 0.01
 #: Weight in the torque, as a multiple of the model's, between which it is the links' and in N m.
 WEIGHS = (0.5, 2.0)
 #: A column of which this share of its square sum is left is rounding.
@@ -49,15 +52,16 @@ _FREE, _TORQUE = slice(4, 9), 9
 @dataclass(frozen=True)
 class Weighed:
     """How many times what the model says is in the torque: ``motion`` of all joints, ``weight`` (m,) of the m joints
-    that have a say; with their standard errors. ``own_motion``: of those of these alone that hold their weight, about
-    (:data:`WEIGHS`), 0 where none does; its error holds what links that weigh otherwise leave. ``modelled`` (m,) [N m]:
-    rms torque of their weight; ``explained`` (m,): share that links of any weight explain of what friction and the like
-    leave of their torque."""
+    that have a say; with their standard errors. ``clear_motion``: of the joints that hold their weight, about
+    (:data:`WEIGHS`), or lift nothing and show inertia; 0 where none does; ``clear_off``: what it may be off by besides,
+    where the links' weight is by :data:`SHAPE`. ``modelled`` (m,) [N m]: rms torque of their weight; ``explained``
+    (m,): share that links of any weight explain of what friction and the like leave of their torque."""
 
     motion: float
     motion_error: float
-    own_motion: float
-    own_motion_error: float
+    clear_motion: float
+    clear_motion_error: float
+    clear_off: float
     weight: Array
     weight_error: Array
     modelled: Array
@@ -173,16 +177,19 @@ def weigh(columns: Columns, gravity: Array) -> Weighed | None:
     if says.sum() < min(2, n - 1) or not says.any():
         return None
     motion, weight = _estimate(rest, says, own)
-    lifting = np.flatnonzero(says)[(WEIGHS[0] < weight) & (weight < WEIGHS[1])]
+    clear = _clear(rest, own, np.flatnonzero(says)[(WEIGHS[0] < weight) & (weight < WEIGHS[1])])
+    shape = SHAPE**2 * own[clear]
     spread = np.sqrt(BLOCKS - 1)
     without = [[_without_free(g) for g in whole - part] for part in grams]
-    off = _off([_fit(rest[j]) for j in lifting], SHAPE**2 * own[lifting])
     motions, weights = zip(*(_estimate(each, says, own) for each in without), strict=True)
+    clear_motions = [_motion([_fit(each[j]) for j in clear], shape) for each in without]
+    fits = [_fit(rest[j]) for j in clear]
     return Weighed(
         motion,
         spread * float(np.std(motions)),
-        _motion([_fit(rest[j]) for j in lifting]),
-        float(np.hypot(spread * np.std([_motion([_fit(each[j]) for j in lifting]) for each in without]), off)),
+        _motion(fits, shape),
+        spread * float(np.std(clear_motions)),
+        _off(fits, shape),
         weight,
         spread * np.std(weights, axis=0),
         np.sqrt(own[says] / rows),
@@ -238,24 +245,36 @@ def _estimate(rest: list[Array], says: Array, own: Array) -> tuple[float, Array]
     return _motion(fits), np.array(weight)
 
 
-def _motion(fits: Sequence[tuple[Array, float, float]]) -> float:
-    """The multiple of the motion's torque in that of the joints of ``fits`` where it is large; 0 of no joints."""
-    trust = _trust(fits)
+def _clear(rest: list[Array], own: Array, lifting: NDArray[np.int_]) -> NDArray[np.int_]:
+    """The joints that are ``lifting``, and those that lift nothing and whose inertia makes more than what is left."""
+    fits = [_fit(r) for r in rest]
+    shows = [
+        weight <= NOTHING * told and x[0] ** 2 * told > left for weight, (x, told, left) in zip(own, fits, strict=True)
+    ]
+    return np.union1d(lifting, np.flatnonzero(shows))
+
+
+def _motion(fits: Sequence[tuple[Array, float, float]], shape: Array | float = 0.0) -> float:
+    """The multiple of the motion's torque in that of the joints of ``fits`` where it is large; 0 of no joints.
+    ``shape``: as for :func:`_off`."""
+    trust = _trust(fits, shape)
     return float(trust @ np.array([x[0] for x, _, _ in fits])) / max(float(trust.sum()), 1e-300)
 
 
 def _off(fits: Sequence[tuple[Array, float, float]], shape: Array) -> float:
-    """What the multiple of the motion's torque in that of the joints of ``fits`` may be off by where their weight is by
-    ``shape`` (m,) (square sums)."""
-    trust = _trust(fits)
+    """What the multiple of the motion's torque in that of the joints of ``fits`` may be off by at most where their
+    weight is by ``shape`` (m,) (square sums): all of that could look like inertia."""
+    trust = _trust(fits, shape)
     told = np.array([max(t, 1e-300) for _, t, _ in fits])
-    return float(np.sqrt(np.sum(trust**2 * shape / told))) / max(float(trust.sum()), 1e-300)
+    return float(np.linalg.norm(trust * np.sqrt(shape / told))) / max(float(trust.sum()), 1e-300)
 
 
-def _trust(fits: Sequence[tuple[Array, float, float]]) -> Array:
-    """(m,) by what each joint tells of the torque that is left; nothing where the motion's torque is small."""
+def _trust(fits: Sequence[tuple[Array, float, float]], shape: Array | float) -> Array:
+    """(m,) by what each joint tells of the torque that is left, ``shape`` besides; nothing where the motion's torque is
+    small."""
     told, left = (np.array([fit[k] for fit in fits]) for k in (1, 2))
-    return np.asarray(np.minimum(np.where(told >= STRONG**2 * told.max(initial=0.0), told, 0.0) / left, TRUSTED))
+    told = np.where(told >= STRONG**2 * told.max(initial=0.0), told, 0.0)
+    return np.asarray(told / np.maximum(left + shape, told / TRUSTED))
 
 
 def _fit(r: Array) -> tuple[Array, float, float]:
