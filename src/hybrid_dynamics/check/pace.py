@@ -2,8 +2,9 @@
 
 A log of 250 samples a second that is read as one of 125 moves half as fast as the robot did: its inertia is in the
 torque four times, its weight once. Masses that are off change both. So the multiple of the links' inertia (beside
-rotors and friction, which are free) is compared with that of their weight, on the joints that lift something: a wrist
-whose current is read in another unit, or is hardly ever more than nothing, holds no inertia whatever the clock.
+rotors and friction, which are free) is compared with that of their weight, on the joints that hold this, or lift
+nothing and show inertia: a wrist whose current is in another unit, or hardly ever more than nothing, holds none by any
+clock.
 """
 
 from __future__ import annotations

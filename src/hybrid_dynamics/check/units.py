@@ -183,6 +183,7 @@ class _Shown:
         self._each = grams, products, squares
         self._grams = grams.sum(axis=0)
         self._products = products.sum(axis=0)
+        self._squares = squares.sum(axis=0)
 
     @classmethod
     def of(cls, robot: Robot, parts: Sequence[Stretch], columns: Columns, gravity: Array) -> _Shown:
@@ -225,10 +226,8 @@ class _Shown:
         gram = np.einsum("m,mij->ij", factors**2, self._grams)
         return np.asarray(pinvh(gram, rtol=_UNSEEN) @ (factors @ self._products))
 
-    def _best(self, factors: Array) -> tuple[Array, Array]:
-        """What the links that explain most, where torque is ``factors`` (m,) times that in N m, have in common with
-        each joint's torque, and their own mean square there (m,)."""
-        links = self.links(factors)
+    def _common(self, links: Array) -> tuple[Array, Array]:
+        """What ``links`` (c,) have in common with each joint's torque (m,), and their own square sum there (m,)."""
         return self._products @ links, np.einsum("i,mij,j->m", links, self._grams, links)
 
     def held_out(self, start: Array | None) -> Array:
@@ -236,25 +235,26 @@ class _Shown:
         or, from ``start``, with the best factors of those parts, too."""
         out = np.zeros(len(self.joints))
         for k in range(PARTS):
-            grams, products, squares = (np.delete(x, k, axis=0) for x in self._each)
-            others = _Shown(self.joints, self.share, grams, products, squares)
+            others = _Shown(self.joints, self.share, *(np.delete(x, k, axis=0) for x in self._each))
+            part = _Shown(self.joints, self.share, *(x[[k]] for x in self._each))
             factors = np.ones(len(out)) if start is None else others.factors(start)
-            gram, product, square = (x[k] for x in self._each)
-            links = others.links(factors)
-            made = np.einsum("i,mij,j->m", links, gram, links)
-            out += np.maximum(square - 2.0 * factors * (product @ links) + factors**2 * made, 0.0)
+            out += part.left_by(others.links(factors), factors)
         return out
 
     def left(self, factors: Array) -> Array:
         """(m,) share of each joint's mean square that the best links leave."""
-        along, made = self._best(factors)
-        return np.asarray(np.maximum(1.0 - 2.0 * factors * along + factors**2 * made, 0.0))
+        return self.left_by(self.links(factors), factors)
+
+    def left_by(self, links: Array, factors: Array) -> Array:
+        """(m,) square sum of each joint, of all rows one, that ``links`` (c,) leave."""
+        along, made = self._common(links)
+        return np.asarray(np.maximum(self._squares - 2.0 * factors * along + factors**2 * made, 0.0))
 
     def factors(self, start: Array) -> Array:
         """(m,) that leave least: links and factors in turn, from ``start``; their geometric mean is one."""
         out = start
         for _ in range(ROUNDS):
-            along, made = self._best(out)
+            along, made = self._common(self.links(out))
             new = np.maximum(along / np.maximum(made, 1e-300), 1e-6)
             new /= np.exp(np.log(new).mean())
             settled = np.max(np.abs(np.log(new / out))) < 1e-3

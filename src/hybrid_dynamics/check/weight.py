@@ -47,6 +47,8 @@ WEIGHS = (0.5, 2.0)
 #: A column of which this share of its square sum is left is rounding.
 ROUNDING = 1e-9
 _FREE, _TORQUE = slice(4, 9), 9
+#: What :func:`_fit` tells of a joint.
+OfJoint = tuple[Array, float, float]
 
 
 @dataclass(frozen=True)
@@ -176,26 +178,25 @@ def weigh(columns: Columns, gravity: Array) -> Weighed | None:
     says = (own >= SAYS * np.array([r[4, 4] for r in rest])) & (own >= STRONG**2 * own.max(initial=0.0)) & (own > 0)
     if says.sum() < min(2, n - 1) or not says.any():
         return None
-    motion, weight = _estimate(rest, says, own)
-    clear = _clear(rest, own, np.flatnonzero(says)[(WEIGHS[0] < weight) & (weight < WEIGHS[1])])
+    fits = [_fit(r) for r in rest]
+    weight = _weights(rest, fits, says, own)
+    clear = _clear(fits, own, np.flatnonzero(says)[(WEIGHS[0] < weight) & (weight < WEIGHS[1])])
     shape = SHAPE**2 * own[clear]
     spread = np.sqrt(BLOCKS - 1)
     without = [[_without_free(g) for g in whole - part] for part in grams]
-    motions, weights = zip(*(_estimate(each, says, own) for each in without), strict=True)
-    clear_motions = [_motion([_fit(each[j]) for j in clear], shape) for each in without]
-    fits = [_fit(rest[j]) for j in clear]
+    fits_without = [[_fit(r) for r in each] for each in without]
+    weights = [_weights(each, own_fits, says, own) for each, own_fits in zip(without, fits_without, strict=True)]
+    clear_fits = [fits[j] for j in clear]
     return Weighed(
-        motion,
-        spread * float(np.std(motions)),
-        _motion(fits, shape),
-        spread * float(np.std(clear_motions)),
-        _off(fits, shape),
+        _motion(fits),
+        spread * float(np.std([_motion(each) for each in fits_without])),
+        _motion(clear_fits, shape),
+        spread * float(np.std([_motion([each[j] for j in clear], shape) for each in fits_without])),
+        _off(clear_fits, shape),
         weight,
         spread * np.std(weights, axis=0),
         np.sqrt(own[says] / rows),
-        np.array(
-            [1.0 - _fit(r)[2] / max(float(r[4, 4]), 1e-300) for r, speaks in zip(rest, says, strict=True) if speaks]
-        ),
+        np.array([1.0 - fits[j][2] / max(float(rest[j][4, 4]), 1e-300) for j in np.flatnonzero(says)]),
     )
 
 
@@ -233,35 +234,33 @@ def _without_free(gram: Array) -> Array:
     return out
 
 
-def _estimate(rest: list[Array], says: Array, own: Array) -> tuple[float, Array]:
-    """The multiple of the motion's torque in that of the joints where it is large, and of the weight's in those that
-    have a say."""
-    fits = [_fit(r) for r in rest]
-    weight = [
-        np.sqrt(max(float(x[1:4] @ r[1:4, 1:4] @ x[1:4]), 0.0) / modelled)
-        for r, (x, _, _), speaks, modelled in zip(rest, fits, says, own, strict=True)
-        if speaks
-    ]
-    return _motion(fits), np.array(weight)
+def _weights(rest: Sequence[Array], fits: Sequence[OfJoint], says: Array, own: Array) -> Array:
+    """(m,) the multiple of the weight's torque in that of the joints that have a say."""
+    return np.array(
+        [
+            np.sqrt(max(float(x[1:4] @ r[1:4, 1:4] @ x[1:4]), 0.0) / modelled)
+            for r, (x, _, _), speaks, modelled in zip(rest, fits, says, own, strict=True)
+            if speaks
+        ]
+    )
 
 
-def _clear(rest: list[Array], own: Array, lifting: NDArray[np.int_]) -> NDArray[np.int_]:
+def _clear(fits: Sequence[OfJoint], own: Array, lifting: NDArray[np.int_]) -> NDArray[np.int_]:
     """The joints that are ``lifting``, and those that lift nothing and whose inertia makes more than what is left."""
-    fits = [_fit(r) for r in rest]
     shows = [
         weight <= NOTHING * told and x[0] ** 2 * told > left for weight, (x, told, left) in zip(own, fits, strict=True)
     ]
     return np.union1d(lifting, np.flatnonzero(shows))
 
 
-def _motion(fits: Sequence[tuple[Array, float, float]], shape: Array | float = 0.0) -> float:
+def _motion(fits: Sequence[OfJoint], shape: Array | float = 0.0) -> float:
     """The multiple of the motion's torque in that of the joints of ``fits`` where it is large; 0 of no joints.
     ``shape``: as for :func:`_off`."""
     trust = _trust(fits, shape)
     return float(trust @ np.array([x[0] for x, _, _ in fits])) / max(float(trust.sum()), 1e-300)
 
 
-def _off(fits: Sequence[tuple[Array, float, float]], shape: Array) -> float:
+def _off(fits: Sequence[OfJoint], shape: Array) -> float:
     """What the multiple of the motion's torque in that of the joints of ``fits`` may be off by at most where their
     weight is by ``shape`` (m,) (square sums): all of that could look like inertia."""
     trust = _trust(fits, shape)
@@ -269,7 +268,7 @@ def _off(fits: Sequence[tuple[Array, float, float]], shape: Array) -> float:
     return float(np.linalg.norm(trust * np.sqrt(shape / told))) / max(float(trust.sum()), 1e-300)
 
 
-def _trust(fits: Sequence[tuple[Array, float, float]], shape: Array | float) -> Array:
+def _trust(fits: Sequence[OfJoint], shape: Array | float) -> Array:
     """(m,) by what each joint tells of the torque that is left, ``shape`` besides; nothing where the motion's torque is
     small."""
     told, left = (np.array([fit[k] for fit in fits]) for k in (1, 2))
@@ -277,7 +276,7 @@ def _trust(fits: Sequence[tuple[Array, float, float]], shape: Array | float) -> 
     return np.asarray(told / np.maximum(left + shape, told / TRUSTED))
 
 
-def _fit(r: Array) -> tuple[Array, float, float]:
+def _fit(r: Array) -> OfJoint:
     """Coefficients (4,) of motion and gravity, the motion's square sum beside gravity, what is left of the torque."""
     scale = np.sqrt(np.maximum(np.diag(r)[:4], 1e-300))
     inner = np.linalg.pinv(r[:4, :4] / np.outer(scale, scale), rcond=1e-6, hermitian=True)
