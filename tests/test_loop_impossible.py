@@ -142,6 +142,15 @@ def test_only_friction_that_follows_the_load_may_hold_a_rise_that_falls_to_nothi
     assert (rise in prune.impossible(judge, [rise, other])) is impossible
 
 
+@pytest.mark.parametrize(("share", "impossible"), [(0.5, False), (1.3, True)])
+def test_friction_as_large_as_the_load_is_none(share: float, impossible: bool) -> None:
+    hidden = Effect("load_dependent_friction", (SHOULDER,), {"load_coefficient": share})
+    term = hidden.term(ROBOT)
+    judge = judged_with([hidden], Model(ROBOT)).adding([term])
+    assert abs(judge.evidence.fit([term])[0] - share) < 0.05
+    assert prune.impossible(judge, [term]) == ([term] if impossible else [])
+
+
 @pytest.mark.parametrize("times", [1.0, 1.4])
 def test_a_heavy_block_that_can_be_stays(times: float) -> None:
     judge = with_spring(heavier(times))

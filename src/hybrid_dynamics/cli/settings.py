@@ -58,6 +58,9 @@ def _typed(cls: type[Settings], values: dict[str, Any]) -> Settings:
                 raise ConfigError(
                     f"{name} is {value!r}; expected a list of {'names' if name == 'effects' else 'numbers'}"
                 )
+        elif isinstance(default, bool):
+            if not isinstance(value, bool):
+                raise ConfigError(f"{name} is {value!r}; expected true or false")
         elif isinstance(default, int | float):
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise ConfigError(f"{name} is {value!r}; expected a number")

@@ -17,6 +17,10 @@ from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, Stat
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
+#: A joint whose friction is this share of what it carries holds that without a motor, and no arm is built of those
+#: (the gears of arms lose 5 to 40 %): what asks for so much is something else.
+HOLDS = 1.0
+
 
 @register
 class LoadDependentFriction(Family):
@@ -49,3 +53,7 @@ class LoadDependentFriction(Family):
 
     def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(1)
+
+    def is_none(self, x: Array, term: Term, dry_friction: float) -> bool:
+        """As much as the joint carries (:data:`HOLDS`)."""
+        return bool(x[0] >= HOLDS)

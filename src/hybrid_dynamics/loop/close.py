@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 
 import numpy as np
@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from hybrid_dynamics.check import Checked, checked, refuse_hard, told_by_model
 from hybrid_dynamics.effects import Effect, Term, family
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop.bandwidth import narrowed
 from hybrid_dynamics.loop.carried import carried_over
 from hybrid_dynamics.loop.confirm import confirm
 from hybrid_dynamics.loop.contact import pushed_in_tests
@@ -118,6 +119,8 @@ def _close(
     asked, long_too = spread(test, settings.longest, "test")
     progress(0.0, "looking at the logs")
     plausible = checked(base, learned_from, asked)
+    processed, told = narrowed(base.completed_robot, plausible.train, settings.process)
+    settings = replace(settings, process=processed)
     given = base
     if any(family(d.effect).turns_sign for d in described):
         runs = [process(t, robot, settings.process) for t in plausible.train]
@@ -155,6 +158,7 @@ def _close(
         *long,
         *long_too,
         *plausible.notes,
+        *told,
         *logs.notes,
         *searched.notes,
         *held_upright(base, judge.evidence.base),

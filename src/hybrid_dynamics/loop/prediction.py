@@ -18,6 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from hybrid_dynamics.effects import family
 from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.loop.bandwidth import narrowed
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel
 from hybrid_dynamics.loop.uncertainty import Uncertainty
@@ -115,7 +116,6 @@ def predict(
         raise InputError(
             f"log {log.name}: holds {log.n_joints} joints; robot {model.robot.name} has {model.robot.n_joints}"
         )
-    settings = settings or ProcessSettings()
     log, glitches = repair(log)
     for line in told(glitches, model.robot.joint_names, len(log.time)):
         if notify is not None:
@@ -123,6 +123,10 @@ def predict(
     pieces = resample(log, None, notify)
     if not pieces:
         raise InputError(f"log {log.name}: {NO_STRETCH}")
+    settings, lowered = narrowed(model.completed_robot, pieces, settings or ProcessSettings())
+    if notify is not None:
+        for line in lowered:
+            notify(f"{log.name}: {line}")
     shape = log["q"].shape
     tau, smooth = np.full(shape, np.nan), np.full(shape, np.nan)
     shares = {name: np.full(shape, np.nan) for name in (_names(model) if parts else ())}

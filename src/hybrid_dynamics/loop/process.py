@@ -34,7 +34,8 @@ END_PERIODS = 2.0
 
 @dataclass(frozen=True)
 class ProcessSettings:
-    """``cutoff`` [Hz] of position and torque, lowered to ``cutoff_share`` of the sampling rate for slow logs;
+    """``cutoff`` [Hz] of position and torque, lowered to ``cutoff_share`` of the sampling rate for slow logs, and with
+    ``own_bandwidth`` to what the noise of a log's accelerations leaves (:mod:`.bandwidth`);
     ``rate`` [Hz] at least kept after decimation; ``motion_rate`` [Hz], at least kept of the states a model is asked
     about (and :data:`STATES` in a period of the cut-off; fewer, and a sharp sign of the speed looks like one that turns
     over slowly: at 400 Hz halved to 200 Hz by 0.01 rad/s); ``slow_speed`` [rad/s] below which a joint counts as
@@ -42,6 +43,7 @@ class ProcessSettings:
 
     cutoff: float = 25.0
     cutoff_share: float = 0.1
+    own_bandwidth: bool = True
     rate: float = 100.0
     motion_rate: float = 400.0
     slow_speed: float = 0.02

@@ -150,8 +150,11 @@ def keep_sure(
             # Slow noise makes few blocks of many, and the gain less sure than what it is the gain of.
             known = size > TWICE * level and gain.surer_than(judge.settings.gain_in_errors)
             sure = (gain.surer_than(level) or known) and shows and not judge.nibbles(term, gain, full, NIBBLE_KEPT)
-            # What every joint of a real arm has needs no more than a coefficient as sure as that, and a gain at all.
-            plain = term.family().everywhere and size > level and gain.surer_than(judge.settings.gain_in_errors)
+            # What every joint of a real arm has needs no more than a coefficient as sure as that, and a gain at all; no
+            # more does what a joint goes wrong without: chance does not halve what parts held out are left with.
+            halves = bool(np.any(evidence.acts(term) & (gain.per_joint > judge.mean_square(full))))
+            needed = term.family().everywhere or (halves and shows)
+            plain = needed and size > level and gain.surer_than(judge.settings.gain_in_errors)
             if term in forced:
                 weak.append((-np.inf, term))
             elif not (sure or plain or (expected and size > own and gain.total > -gain.error)):
