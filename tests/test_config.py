@@ -183,6 +183,12 @@ def test_a_setting_on_the_command_line_counts():
     )
 
 
+def test_a_switch_is_true_or_false():
+    assert not settings_from(["process.own_bandwidth=false"]).process.own_bandwidth
+    with pytest.raises(ConfigError, match=r"own_bandwidth is 3; expected true or false"):
+        settings_from(["process.own_bandwidth=3"])
+
+
 @pytest.mark.parametrize(
     "override", ["loop.process.cutoff=30.0", "blind.duration=5.0", "dataset.wam.twin.rollout.lockstep=3"]
 )

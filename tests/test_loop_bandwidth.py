@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.small_arm import arm, noisy_log
 
-from hybrid_dynamics import LoopSettings, Model, close_loop, predict
+from hybrid_dynamics import LoopSettings, close_loop, load_model, predict
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.loop.bandwidth import narrowed
-from hybrid_dynamics.loop.process import ProcessSettings, hann_kernel
+from hybrid_dynamics.loop.diagnosis import predict_run
+from hybrid_dynamics.loop.heard import as_heard
+from hybrid_dynamics.loop.process import ProcessSettings, hann_kernel, least_rows
+from hybrid_dynamics.strict_json import read_json
 from hybrid_dynamics.trajectory import Trajectory
 
 ROBOT = arm()
@@ -158,13 +162,124 @@ def test_what_is_hidden_is_found_behind_coarse_positions() -> None:
             assert abs(found.parameters[name] - value) < 4 * found.std_errors[name] + 0.01 * value
 
 
-def test_a_prediction_has_the_bandwidth_of_its_log_with_torque_and_without() -> None:
-    model, notes = Model(ROBOT), list[str]()
-    fine, coarse = log([]), log([], step=TWELVE_BITS)
-    truth = predict(model, fine).tau
-    off = np.sqrt(np.mean((predict(model, coarse, notify=notes.append).tau - truth) ** 2))
-    assert any("positions too coarse" in note for note in notes)
-    fixed = replace(ASKED, own_bandwidth=False)
-    assert off < 0.2 * np.sqrt(np.mean((predict(model, coarse, fixed).tau - truth) ** 2))
-    bare = replace(coarse, signals={"q": coarse["q"]})
-    np.testing.assert_allclose(predict(model, bare).tau, truth, atol=20 * off)
+def test_a_model_keeps_its_bandwidth_and_predicts_at_it(tmp_path: Path) -> None:
+    train, test = log(FRICTION, 1, step=TWELVE_BITS), log(FRICTION, 2, "test", step=TWELVE_BITS)
+    result = close_loop(ROBOT, [train], [test])
+    assert result.model.cutoff is not None
+    result.model.save(tmp_path / "model.json")
+    model = load_model(tmp_path / "model.json", ROBOT)
+    assert model.cutoff == result.model.cutoff
+    (run,) = result.test
+    loops = np.sqrt(np.mean((run.tau - predict_run(result.model, run)) ** 2, axis=0))
+    # Of the same rows but for where a filter's window ends.
+    np.testing.assert_allclose(predict(model, test).rmse(ends=False), loops, rtol=0.05)
+    wide = predict(replace(model, cutoff=None), test).rmse(ends=False)
+    assert np.all(wide > 3 * loops)
+    fine = close_loop(ROBOT, [log(FRICTION)], [log(FRICTION, 2, "test")]).model
+    assert fine.cutoff is None
+    fine.save(tmp_path / "fine.json")
+    assert "cutoff" not in read_json(tmp_path / "fine.json", "a model")
+
+
+def test_what_a_joint_turns_in_a_sample_is_no_step() -> None:
+    run = log([])
+    rng = np.random.default_rng(0)
+    for noise in (0.0, 1e-6):
+        q = run["q"].copy()
+        q[:, 1] = 0.7 * run.time + noise * rng.normal(size=len(q))
+        speed = np.stack([np.gradient(column, run.time) for column in run["q"].T], axis=1)
+        speed[:, 1] = 0.7
+        tau = ROBOT.inverse_dynamics(q, speed, np.gradient(speed, run.time, axis=0)) + 0.02 * rng.normal(size=q.shape)
+        assert narrowed(ROBOT, [replace(run, signals={"q": q, "tau": tau})], ASKED)[0] == ASKED
+
+
+def test_slow_motion_over_coarse_steps_is_as_coarse() -> None:
+    """Where a joint stays on a step for many samples, next to nothing of it is far beyond the motion."""
+    run = log([])
+    time = run.time / 8.0
+    slow = replace(run, signals={"q": np.stack([np.interp(time, run.time, c) for c in run["q"].T], axis=1)})
+    speed = np.gradient(slow["q"], run.time, axis=0)
+    tau = ROBOT.inverse_dynamics(slow["q"], speed, np.gradient(speed, run.time, axis=0))
+    tau += 0.02 * np.random.default_rng(0).normal(size=tau.shape)
+    coarse = np.round(slow["q"] / (4 * TWELVE_BITS)) * 4 * TWELVE_BITS
+    assert narrowed(ROBOT, [replace(run, signals={"q": coarse, "tau": tau})], ASKED)[0].cutoff < 10.0
+
+
+def with_speed(run: Trajectory, noise: float) -> Trajectory:
+    speed = np.gradient(run["q"], run.time, axis=0)
+    speed += noise * np.random.default_rng(5).normal(size=speed.shape)
+    return replace(run, signals={**run.signals, "dq": speed})
+
+
+def test_a_measured_velocity_tells_by_its_own_noise() -> None:
+    run = log([])
+    assert narrowed(ROBOT, [with_speed(run, 1e-4)], ASKED)[0] == ASKED
+    assert narrowed(ROBOT, [with_speed(run, 0.05)], ASKED)[0].cutoff < 12.0
+
+
+@pytest.mark.parametrize("over", [1, 2])
+def test_a_velocity_made_of_differences_costs_no_bandwidth(over: int) -> None:
+    coarse = log([], step=TWELVE_BITS / 4)
+    alone = narrowed(ROBOT, [coarse], ASKED)[0].cutoff
+    q = coarse["q"]
+    dq = np.gradient(q, coarse.time, axis=0) if over == 2 else np.diff(q, axis=0, prepend=q[:1]) / coarse.dt
+    both = narrowed(ROBOT, [replace(coarse, signals={**coarse.signals, "dq": dq})], ASKED)[0].cutoff
+    assert both > 0.8 * alone
+
+
+def test_runs_are_judged_at_their_own_rates() -> None:
+    fine, coarse = log([]), log([], 2, step=TWELVE_BITS / 8)
+    slow = replace(coarse, time=coarse.time[::4], signals={k: v[::4] for k, v in coarse.signals.items()})
+    assert narrowed(ROBOT, [slow], ASKED)[0] == ASKED
+    assert narrowed(ROBOT, [fine, slow], ASKED)[0] == ASKED
+
+
+def test_no_run_becomes_too_short_by_it() -> None:
+    coarse, short = log([], step=16 * TWELVE_BITS), log([], 2, "test").rows(slice(0, 300))
+    alone = narrowed(ROBOT, [coarse], ASKED)[0]
+    beside = narrowed(ROBOT, [coarse], ASKED, [short])[0]
+    assert least_rows(short.dt, alone) > len(short.time) >= least_rows(short.dt, beside)
+    held_out = narrowed(ROBOT, [coarse], ASKED, held_out=0.075)[0]
+    assert least_rows(short.dt, held_out) <= 0.075 * len(coarse.time)
+    # One that was too short before says nothing.
+    assert narrowed(ROBOT, [coarse], ASKED, [short.rows(slice(0, 60))])[0] == alone
+
+
+def test_a_dead_sensor_does_not_lower_it() -> None:
+    run = log(FRICTION, step=TWELVE_BITS / 32)
+    assert narrowed(ROBOT, [run], ASKED)[0] == ASKED
+    tau = run["tau"].copy()
+    tau[:, 1] = 1e-3 * np.random.default_rng(0).normal(size=len(tau))
+    assert narrowed(ROBOT, [replace(run, signals={"q": run["q"], "tau": tau})], ASKED)[0] == ASKED
+
+
+@pytest.mark.parametrize("share", [0.5, -1.0], ids=["half the weight", "upside down"])
+def test_a_weight_that_is_off_makes_no_rotors(share: float) -> None:
+    """A motion whose fastest part is small, of an arm that weighs otherwise: its inertia is as described."""
+    run = log([])
+    wave = 0.005 * np.sin(2 * np.pi * np.array([2.0, 2.4]) * run.time[:, None])
+    q = run["q"] + wave
+    dq = np.gradient(q, run.time, axis=0)
+    ddq = np.gradient(dq, run.time, axis=0)
+    still = np.zeros_like(q)
+    weight = ROBOT.inverse_dynamics(q, still, still)
+    tau = ROBOT.inverse_dynamics(q, dq, ddq) + (share - 1.0) * weight
+    tau += 0.02 * np.random.default_rng(0).normal(size=tau.shape)
+    odd = replace(run, signals={"q": q, "tau": tau})
+    np.testing.assert_allclose(as_heard(ROBOT, [odd], ASKED).rotors, 0.0, atol=0.02)
+    assert narrowed(ROBOT, [odd], ASKED)[0] == ASKED
+
+
+@pytest.mark.parametrize("rotors", [(0.0, 0.0), (0.5, 0.2)])
+def test_the_inertia_of_a_log_is_heard(rotors: tuple[float, float]) -> None:
+    hidden = [Effect("armature", (n,), {"armature": r}) for n, r in zip(ROBOT.joint_names, rotors, strict=True)]
+    run = shaken()
+    dq = np.gradient(run["q"], run.time, axis=0)
+    ddq = np.gradient(dq, run.time, axis=0)
+    tau = ROBOT.inverse_dynamics(run["q"], dq, ddq) + ddq * rotors
+    heard = as_heard(ROBOT, [replace(run, signals={"q": run["q"], "tau": tau})], ASKED)
+    assert len(hidden) == 2
+    assert heard.alive.all()
+    unit = np.zeros((1, 2)) + 1.0
+    links = ROBOT.inverse_dynamics(unit * 0, unit * 0, unit) - ROBOT.inverse_dynamics(unit * 0, unit * 0, unit * 0)
+    np.testing.assert_allclose(heard.inertial(links, unit), links + np.array(rotors), rtol=0.1)

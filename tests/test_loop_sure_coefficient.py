@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.small_arm import arm, noisy_log
 
@@ -45,7 +46,7 @@ def test_a_coefficient_or_its_gain_must_be_sure(
     size: float, gain: float, more: float, stays: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """``gain`` in its standard errors, ``size`` of the coefficient in its own; ``more`` is left without, in times of
-    what is left."""
+    what is left, or of the squared floor."""
     settings = LoopSettings()
     spring = Effect("joint_spring", (ELBOW,), {"stiffness": 4.0, "rest_position": 0.1}, {"shape": "linear"})
     logs = read_motion(ROBOT, [noisy_log([spring], k, "train", 0.1) for k in (1, 2)], [], settings)
@@ -57,7 +58,7 @@ def test_a_coefficient_or_its_gain_must_be_sure(
 
     def measured(self: Judge, *args: Any, **kwargs: Any) -> Gain:
         own = worth(self, *args, **kwargs)
-        left = self.mean_square(self.evidence.held([SPRING], physical=True))
+        left = np.maximum(self.mean_square(self.evidence.held([SPRING], physical=True)), self.floor**2)
         return replace(own, error=own.total / gain, blocks=BLOCKS, per_joint=more * left)
 
     monkeypatch.setattr(Judge, "worth", measured)

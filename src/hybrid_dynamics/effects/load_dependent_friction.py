@@ -17,8 +17,8 @@ from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, Stat
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
-#: A joint whose friction is this share of what it carries holds that without a motor, and no arm is built of those
-#: (the gears of arms lose 5 to 40 %): what asks for so much is something else.
+#: A joint whose friction is this share of what it carries holds that without a motor: lead screws do, and the gears of
+#: arms, which lose 5 to 40 %, do not. What asks for so much is something else.
 HOLDS = 1.0
 
 

@@ -6,50 +6,57 @@ than what was measured, a fit of it comes out too small, and links, rotors and c
 variables; Gautier and Poignet 2001 choose their filters by hand for the same reason). Two things tell:
 
 - what positions (or velocities, where those are measured) scatter by: the level of their spectrum beyond all motion,
-  at least what their steps round away;
+  and what their steps round away;
 - rigid-body torque of which the measured one has next to nothing: beyond the frequencies of the motion inertia acts
   alone, and what it takes must have been there.
 
-The cut-off is lowered until all that a fit of inertia could gain from such noise is below one unit of likelihood, and
-no further than where the motion itself would be lost.
+The cut-off is lowered until a fit of inertia could gain next to nothing from such noise, and no further than where the
+motion itself, or too much of a run's ends, would be lost.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import csd, welch
+from scipy.signal import spectrogram, welch
 
-from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel
+from hybrid_dynamics.loop.heard import Heard, as_heard
+from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel, least_rows
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
 #: Length [s] of the stretches whose spectra are taken the median of: a knock or a glitch is in one of them.
 _STRETCH = 2.0
-#: Shares of the sampling rate between which next to nothing moves, and positions scatter alone.
-_BEYOND_MOTION = (0.3, 0.5)
+#: Shares of the sampling rate between which next to nothing moves, and positions scatter alone: nearer, and farther.
+_NEARER, _FARTHER = (0.2, 0.3), (0.35, 0.5)
+#: Differences over one sample have twice the power of positions there, over two samples the same: within such a factor.
+_LIKE_DIFFERENCES = 3.0
+#: Steps are those of a sensor where so many of the samples in motion repeat the one before.
+_REPEATS = 0.1
+#: Samples to either side within which a value changes: in motion.
+_MOVING = 5
 #: States of a run at which its joints' inertias are asked.
 _STATES = 60
-#: Power by which the torque of the rigid body may exceed what was measured: links of a URDF can weigh twice too much.
+#: Power by which the torque of the rigid body may exceed what was measured.
 _MARGIN = 4.0
 #: Frequencies over which that is asked together.
 _BINS = 5
-#: Power of accelerations over that of their noise from which on they are heard.
-_CLEAR = 10.0
 #: Share of the measured power below whose frequency the motion lies.
 _MOTION = 0.99
+#: Twice the log-likelihood that a fit of inertia may gain from noise, all joints together.
+_GAIN = 1.0
 #: Share of the acceleration that the filter may take beyond what it takes anyway.
 _LOST = 0.01
 #: Of the torque (rms), the share that no noise should hide that is not the torque's own: friction may be as little.
 _LOUD = 0.02
-#: Share of the longest run that its ends may take.
-_ENDS = 1 / 6
+#: Share of all runs that their ends may take: for inertias that are not too small, and for small torques to show.
+_ENDS, _ENDS_FOR_POWER = 1 / 6, 1 / 10
 #: Lowest cut-off [Hz], and the step from one to the next.
 _LOWEST, _STEP = 1.0, 2.0 ** (-1 / 8)
 
@@ -58,7 +65,7 @@ _LOWEST, _STEP = 1.0, 2.0 ** (-1 / 8)
 class _Spectra:
     """Of one run, at frequencies ``f`` (F,) [Hz], per joint (F, n) [(N m)^2/Hz]: torque of the ``inertia`` that moved,
     what was ``felt`` of it, ``noise`` in the torque that it is said to take; ``sensor`` (n,): the level of the torque's
-    own noise, ``torque`` its variance [(N m)^2]."""
+    own noise, ``torque`` its variance [(N m)^2]. ``asked``: the cut-off [Hz] of a run of this rate."""
 
     f: Array
     inertia: Array
@@ -68,87 +75,118 @@ class _Spectra:
     torque: Array
     dt: float
     duration: float
+    asked: float
 
 
-def narrowed(robot: Robot, runs: Sequence[Trajectory], settings: ProcessSettings) -> tuple[ProcessSettings, list[str]]:
-    """``settings`` with the cut-off that ``runs`` (``q``, perhaps ``dq`` and ``tau``, on uniform grids) can bear, and a
-    line that says so where it is lower than what was asked for."""
+@dataclass(frozen=True)
+class _Judged:
+    """At a cut-off: what a fit of inertia could ``gain`` from noise, as twice the log-likelihood; the largest share of
+    a joint's inertial torque that is ``noise``, and that is ``lost`` to the filter; whether noise is ``loud``: it hides
+    a :data:`_LOUD` part of a joint's torque that its sensor would show."""
+
+    gain: float
+    noise: float
+    lost: float
+    loud: bool
+
+
+def narrowed(
+    robot: Robot,
+    train: Sequence[Trajectory],
+    settings: ProcessSettings,
+    test: Sequence[Trajectory] = (),
+    held_out: float = 1.0,
+) -> tuple[ProcessSettings, list[str]]:
+    """``settings`` with the cut-off that the ``train`` runs (``q tau``, perhaps ``dq``, on uniform grids) can bear, and
+    a line that says so where it is lower than what was asked for.
+
+    No run, nor one of ``test``, becomes too short for the filter by it; of every training run the share ``held_out`` is
+    one, too.
+    """
     if not settings.own_bandwidth:
         return settings, []
-    moving = np.any([np.ptp(run["q"], axis=0) >= settings.moving_range for run in runs], axis=0)
-    heavy = _with_rotors(robot, runs)
-    spectra = [_spectra(heavy, run) for run in runs]
-    asked = max(settings.cutoff_at(run.dt) for run in runs)
-    best, cutoff = asked, asked
-    borne = _LOST + _judged(spectra, asked, moving)[2]
+    heard = as_heard(robot, train, settings)
+    moving = np.any([np.ptp(run["q"], axis=0) >= settings.moving_range for run in train], axis=0) & heard.alive
+    if not moving.any():
+        return settings, []
+    spectra = [_spectra(robot, run, heard, settings.cutoff_at(run.dt)) for run in train]
+    best = asked = max(s.asked for s in spectra)
+    borne = _LOST + _judged(spectra, asked, moving).lost
     # At both ends of a run the filter knows one side only.
-    ends = 2 * END_PERIODS / (_ENDS * max(run.time[-1] - run.time[0] for run in runs))
-    while cutoff >= max(_LOWEST, ends):
-        gain, noisy, lost, loud = _judged(spectra, cutoff, moving)
-        if lost > max(borne, noisy):
+    ends = 2 * END_PERIODS * len(train) / sum(s.duration for s in spectra)
+    long_enough = _long_enough([*test, *(run.rows(slice(0, int(held_out * len(run.time)))) for run in train)], settings)
+    cutoff = asked
+    while cutoff >= max(_LOWEST, ends / _ENDS) and long_enough(cutoff):
+        now = _judged(spectra, cutoff, moving)
+        if now.lost > max(borne, now.noise):
             break
         best = cutoff
-        if gain <= 1.0 and not loud:
+        if now.gain <= _GAIN and not (now.loud and cutoff * _STEP >= ends / _ENDS_FOR_POWER):
             break
         cutoff *= _STEP
     if best == asked:
         return settings, []
     left = _judged(spectra, best, moving)
-    rest = (
-        f"; {left[1]:.2g} of what accelerates is noise still, and inertias come out too small by that"
-        if (left[0] > 1.0)
-        else ""
-    )
+    rest = f"; {left.noise:.2g} of what accelerates is noise still, and inertias come out too small by that"
     return replace(settings, cutoff=best), [
         f"beyond {best:.2g} Hz accelerations ask for torque that was not measured (positions too coarse or too noisy, "
-        f"or a torque that was smoothed before it was logged): compared up to there, not up to {asked:.3g} Hz{rest}"
+        f"or a torque that was smoothed before it was logged): compared up to there, not up to {asked:.3g} Hz"
+        f"{rest if left.gain > _GAIN else ''}"
     ]
 
 
-def _judged(spectra: Sequence[_Spectra], cutoff: float, moving: NDArray[np.bool_]) -> tuple[float, float, float, bool]:
-    """At this ``cutoff`` [Hz]: what a fit of inertia could gain from noise, in units of twice the log-likelihood; the
-    largest share of a moving joint's inertial torque that is noise; and that is lost to the filter; whether noise
-    hides a :data:`_LOUD` part of a joint's torque that its sensor would show."""
+def _long_enough(runs: Sequence[Trajectory], settings: ProcessSettings) -> Callable[[float], bool]:
+    """What says of a cut-off [Hz] whether each of ``runs`` that is long enough for the filter as it is set stays so."""
+    usable = [run for run in runs if len(run.time) >= least_rows(run.dt, settings)]
+    return lambda cutoff: all(
+        len(run.time) >= least_rows(run.dt, replace(settings, cutoff=min(cutoff, settings.cutoff))) for run in usable
+    )
+
+
+def _judged(spectra: Sequence[_Spectra], cutoff: float, moving: NDArray[np.bool_]) -> _Judged:
     sums = np.zeros((5, len(moving)))
-    length = 0.0
+    rows = 0.0
     for s in spectra:
-        own = min(cutoff, s.f[-1])
+        own = min(cutoff, s.asked)
         low_pass = 1.0 / (1.0 + (s.f / own) ** 8)
         kernel = hann_kernel(1.0 / own, s.dt)
         half = len(kernel) // 2
-        turns = np.cos(2 * np.pi * s.dt * np.outer(s.f, np.arange(-half, half + 1)))
-        window = (turns @ kernel) ** 2
+        window = np.array([np.cos(2 * np.pi * s.dt * f * np.arange(-half, half + 1)) @ kernel for f in s.f]) ** 2
         seen, gone = window * low_pass**2, window * (1.0 - low_pass) ** 2
         parts = (seen @ s.noise, seen @ s.inertia, gone @ s.felt, window.sum() * s.sensor)
         sums[:4] += s.duration * (s.f[1] - s.f[0]) * np.array(parts)
         sums[4] += s.duration * s.torque
-        length += s.duration
+        rows += own * s.duration
     noise, inertia, lost, sensor, torque = sums[:, moving]
     inertia = np.maximum(inertia, 1e-300)
     share = noise / (noise + inertia)
-    rows = cutoff * length
     gain = rows * float(np.sum(share * noise / np.maximum(noise + sensor, 1e-300)))
-    # Of a joint whose torque never changes there is nothing to hide.
-    loud = bool(np.any((noise > np.maximum(_LOUD**2 * torque, sensor)) & (torque > 0.0)))
-    return gain, float(share.max(initial=0.0)), float((lost / inertia).max(initial=0.0)), loud
+    loud = bool(np.any(noise > np.maximum(_LOUD**2 * torque, sensor)))
+    return _Judged(gain, float(share.max()), float((lost / inertia).max()), loud)
 
 
-def _spectra(robot: Robot, run: Trajectory) -> _Spectra:
-    q, dq, ddq = _motion(run)
-    whole = robot.inverse_dynamics(q, dq, ddq)
-    inertial = whole - robot.inverse_dynamics(q, dq, np.zeros_like(ddq))
-    f, moved = _welch(inertial, run.dt, "mean")
-    noise = (2 * np.pi * f[:, None]) ** _order(run) * (_scatter(run) @ _squared_inertia(robot, q).T)
-    most, sensor, torque = np.full_like(noise, np.inf), np.zeros(run.n_joints), np.zeros(run.n_joints)
-    if "tau" in run:
-        _, most = _welch(run["tau"], run.dt)
-        torque = run["tau"].var(axis=0)
-        sensor = np.median(most[_beyond(f, run.dt)], axis=0)
-        noise = np.maximum(noise, _unmeasured(_welch(whole, run.dt)[1], most))
-        _, most = _welch(run["tau"], run.dt, "mean")
+def _spectra(robot: Robot, run: Trajectory, heard: Heard, asked: float) -> _Spectra:
+    q = run["q"]
+    dq = run["dq"] if "dq" in run else derivative(q, run.dt)
+    ddq = derivative(dq, run.dt)
+    rest = robot.inverse_dynamics(q, dq, np.zeros_like(ddq))
+    inertial = heard.inertial(robot.inverse_dynamics(q, dq, ddq) - rest, ddq)
+    f, moved = _usual(inertial, run.dt)
+    _, measured = _welch(run["tau"], run.dt)
+    noise = _scatter(f, run) @ _squared_inertia(robot, q, heard).T
+    noise = np.maximum(noise, _unmeasured(_welch(rest + inertial, run.dt)[1], measured))
     inertia = np.maximum(moved - noise, 0.0)
-    felt = np.minimum(inertia, most)
-    return _Spectra(f, inertia, felt, noise, sensor, torque, run.dt, len(run.time) * run.dt)
+    return _Spectra(
+        f,
+        inertia,
+        np.minimum(inertia, _usual(run["tau"], run.dt)[1]),
+        noise,
+        np.median(measured[_within(f, run.dt, _FARTHER)], axis=0),
+        run["tau"].var(axis=0),
+        run.dt,
+        len(run.time) * run.dt,
+        asked,
+    )
 
 
 def _unmeasured(asked: Array, measured: Array) -> Array:
@@ -163,78 +201,72 @@ def _unmeasured(asked: Array, measured: Array) -> Array:
     return np.asarray(np.where(slow, 0.0, np.maximum(wide[0] - _MARGIN * ratio * wide[1], 0.0)))
 
 
-def _order(run: Trajectory) -> int:
-    """Power of the frequency by which the noise of positions, or of measured velocities, grows in accelerations."""
-    return 2 if "dq" in run else 4
+def _scatter(f: Array, run: Trajectory) -> Array:
+    """(F, n) density [(rad/s^2)^2/Hz] of the noise of accelerations.
 
-
-def _motion(run: Trajectory) -> tuple[Array, Array, Array]:
-    dq = run["dq"] if "dq" in run else derivative(run["q"], run.dt)
-    return run["q"], dq, derivative(dq, run.dt)
-
-
-def _scatter(run: Trajectory) -> Array:
-    """(n,) density [rad^2/Hz, (rad/s)^2/Hz] of the noise of what accelerations are made from."""
-    signal = run["dq"] if "dq" in run else run["q"]
-    f, power = _welch(signal, run.dt)
-    level = np.median(power[_beyond(f, run.dt)], axis=0)
-    return np.maximum(level, _steps(signal) ** 2 / 12 * 2 * run.dt)
+    That of positions, and of velocities that were measured, is white. Where velocities scatter as differences of the
+    positions do, a controller made them of these.
+    """
+    omega = (2 * np.pi * f[:, None]) ** 2
+    at, power = _welch(run["q"], run.dt)
+    steps = _steps(run["q"]) ** 2 / 12 * 2 * run.dt
+    from_positions = omega**2 * np.maximum(np.median(power[_within(at, run.dt, _FARTHER)], axis=0), steps)
+    if "dq" not in run:
+        return np.asarray(from_positions)
+    near = _within(at, run.dt, _NEARER)
+    positions, speeds = np.median(power[near], axis=0), np.median(_welch(run["dq"], run.dt)[1][near], axis=0)
+    times = speeds * run.dt**2 / np.maximum(positions, 1e-300)
+    differences = (times > 1.0 / _LIKE_DIFFERENCES) & (times < _LIKE_DIFFERENCES)
+    return np.asarray(np.where(differences, from_positions, omega * speeds))
 
 
 def _steps(signal: Array) -> Array:
-    """(n,) smallest step between values of ``signal`` (N, n); of a fine one next to nothing."""
+    """(n,) smallest step between values of ``signal`` (N, n) where it stays on a value while it moves: a sensor's, and
+    not what a joint turns in a sample; else 0, and the spectrum tells what scatters."""
     out = np.zeros(signal.shape[1])
-    for j, column in enumerate(signal.T):
-        gaps = np.diff(np.unique(column))
+    same = np.diff(signal, axis=0) == 0.0
+    moving = uniform_filter1d((~same).astype(float), 2 * _MOVING + 1, axis=0) > 1e-9
+    repeats = np.sum(same & moving, axis=0) > _REPEATS * np.maximum(np.sum(moving, axis=0), 1)
+    for j in np.flatnonzero(repeats):
+        gaps = np.diff(np.unique(signal[:, j]))
         # What differs by rounding is one value.
-        real = gaps[gaps > 1e-6 * np.ptp(column)]
-        out[j] = real.min() if len(real) else 0.0
-    return out
+        out[j] = np.min(gaps[gaps > 1e-6 * np.ptp(signal[:, j])], initial=np.inf)
+    return np.where(np.isfinite(out), out, 0.0)
 
 
-def _squared_inertia(robot: Robot, q: Array) -> Array:
-    """(n, n) mean square of the entries of the mass matrix along ``q`` (N, n)."""
+def _squared_inertia(robot: Robot, q: Array, heard: Heard) -> Array:
+    """(n, n) mean square of the entries of the mass matrix, as ``heard``, along ``q`` (N, n)."""
     at = q[np.linspace(0, len(q) - 1, min(_STATES, len(q))).astype(int)]
     still = np.zeros_like(at)
     weight = robot.inverse_dynamics(at, still, still)
-    columns = [robot.inverse_dynamics(at, still, still + one) - weight for one in np.eye(at.shape[1])]
+    columns = [
+        heard.inertial(robot.inverse_dynamics(at, still, still + one) - weight, still + one)
+        for one in np.eye(at.shape[1])
+    ]
     return np.asarray(np.mean(np.square(columns), axis=1).T)
 
 
-def _with_rotors(robot: Robot, runs: Sequence[Trajectory]) -> Robot:
-    """``robot`` with rotors where what its links leave of the torque follows the acceleration of the joint: URDFs
-    seldom have them. A lighter weight and a spring act against it, friction across it; neither looks like one."""
-    inertia = np.zeros(robot.n_joints)
-    for run in (run for run in runs if "tau" in run):
-        q, dq, ddq = _motion(run)
-        left = run["tau"] - robot.inverse_dynamics(q, dq, ddq)
-        f, power = _welch(ddq, run.dt, "mean")
-        _, together = csd(  # type: ignore[call-overload]  # the stubs know no detrend="linear"
-            ddq, left, 1.0 / run.dt, nperseg=_length(len(ddq), run.dt), detrend="linear", axis=0
-        )
-        noise = (2 * np.pi * f[:, None]) ** _order(run) * _scatter(run)
-        clear = power > _CLEAR * noise
-        own = np.sum(together.real * clear, axis=0) / np.maximum(np.sum(power * clear, axis=0), 1e-300)
-        inertia = np.maximum(inertia, own)
-    heavy = robot.copy()
-    rotors = heavy.model.armature.copy()
-    for j, joint in enumerate(robot.joint_ids):
-        rotors[robot.model.idx_vs[joint]] += inertia[j]
-    heavy.model.armature = rotors
-    return heavy
-
-
 def _length(rows: int, dt: float) -> int:
-    return max(min(round(_STRETCH / dt), rows // 2), 8)
+    return max(min(round(_STRETCH / dt), rows // 2), min(8, rows))
 
 
 def _welch(signal: Array, dt: float, average: Literal["mean", "median"] = "median") -> tuple[Array, Array]:
-    f, power = welch(  # type: ignore[call-overload]
+    f, power = welch(  # type: ignore[call-overload]  # the stubs know no detrend="linear"
         signal, 1.0 / dt, nperseg=_length(len(signal), dt), detrend="linear", axis=0, average=average
     )
     return np.asarray(f), np.asarray(power)
 
 
-def _beyond(f: Array, dt: float) -> NDArray[np.bool_]:
-    low, high = _BEYOND_MOTION
-    return np.asarray((f >= low / dt) & (f <= high / dt))
+def _usual(signal: Array, dt: float) -> tuple[Array, Array]:
+    """The mean over all stretches but the loudest: a joint that seldom moves counts, and a knock does not."""
+    length = _length(len(signal), dt)
+    f, _, power = spectrogram(  # type: ignore[call-overload]
+        signal, 1.0 / dt, "hann", nperseg=length, noverlap=length // 2, detrend="linear", axis=0
+    )
+    count = power.shape[-1]
+    loudest = power.max(axis=-1) if count > 2 else 0.0
+    return np.asarray(f), np.asarray((power.sum(axis=-1) - loudest) / max(count - (count > 2), 1))
+
+
+def _within(f: Array, dt: float, band: tuple[float, float]) -> NDArray[np.bool_]:
+    return np.asarray((f >= band[0] / dt) & (f <= band[1] / dt))

@@ -37,6 +37,9 @@ from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Progress
 
+#: Of the share that is held out of a run, what is left of it at least: a gap comes before it, and a rest may end it.
+_LEAST_HELD_OUT = 0.5
+
 
 @dataclass(frozen=True)
 class LoopResult:
@@ -119,7 +122,8 @@ def _close(
     asked, long_too = spread(test, settings.longest, "test")
     progress(0.0, "looking at the logs")
     plausible = checked(base, learned_from, asked)
-    processed, told = narrowed(base.completed_robot, plausible.train, settings.process)
+    share = 1.0 if plausible.test else _LEAST_HELD_OUT * settings.held_out_share
+    processed, told = narrowed(base.completed_robot, plausible.train, settings.process, plausible.test, share)
     settings = replace(settings, process=processed)
     given = base
     if any(family(d.effect).turns_sign for d in described):
@@ -172,7 +176,7 @@ def _close(
     assert after is not None
     progress(1.0, "done")
     return LoopResult(
-        said.model.with_misfit(after.rmse),
+        said.model.with_misfit(after.rmse, settings.process.cutoff if told else None),
         full,
         diagnosis,
         tuple(found.steps),

@@ -45,6 +45,8 @@ class Model:
     inactive: tuple[Effect, ...] = ()
     #: (n,) [N m] by which the model was off on held-out runs, where that is known.
     misfit: tuple[float, ...] | None = None
+    #: [Hz] up to which its logs could be compared, where that was less than asked for (:mod:`.bandwidth`).
+    cutoff: float | None = None
 
     @cached_property
     def _acting(self) -> tuple[Robot, StateTorque]:
@@ -61,7 +63,7 @@ class Model:
             return self
         own = [e for e in self.effects if acts_in(e.settings, name)]
         effects = tuple(replace(e, settings={k: v for k, v in e.settings.items() if k != ONLY_RUN}) for e in own)
-        return Model(self.robot, effects, self.inactive, self.misfit)
+        return Model(self.robot, effects, self.inactive, self.misfit, self.cutoff)
 
     @cached_property
     def predictions(self) -> dict[int, tuple[Any, Array]]:
@@ -216,11 +218,11 @@ class Model:
 
     def with_inactive(self, effects: Iterable[Effect]) -> Model:
         """The same model that also lists ``effects`` without letting them act."""
-        return Model(self.robot, self.effects, tuple(effects), self.misfit)
+        return replace(self, inactive=tuple(effects))
 
-    def with_misfit(self, misfit: Iterable[float]) -> Model:
-        """The same model with its error on held-out runs, (n,) [N m]."""
-        return Model(self.robot, self.effects, self.inactive, tuple(float(v) for v in misfit))
+    def with_misfit(self, misfit: Iterable[float], cutoff: float | None = None) -> Model:
+        """The same model with its error on held-out runs, (n,) [N m], below ``cutoff`` [Hz] where that was lowered."""
+        return replace(self, misfit=tuple(float(v) for v in misfit), cutoff=cutoff)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """See :func:`save_model`."""
@@ -317,6 +319,8 @@ def save_model(path: str | os.PathLike[str], model: Model, record: Mapping[str, 
     }
     if model.misfit is not None:
         value["misfit"] = list(model.misfit)
+    if model.cutoff is not None:
+        value["cutoff"] = model.cutoff
     check_schema(value, "model")
     write_text(path, json_text(value))
 
@@ -368,7 +372,7 @@ def load_model(path: str | os.PathLike[str], robot: Robot) -> Model:
         misfit = value.get("misfit")
         if misfit is not None and len(misfit) != robot.n_joints:
             raise InputError(f"misfit holds {len(misfit)} numbers; expected {robot.n_joints}, one a joint")
-        model = Model(robot, active, inactive, None if misfit is None else tuple(misfit))
+        model = Model(robot, active, inactive, None if misfit is None else tuple(misfit), value.get("cutoff"))
         _check_physics(model)
         _ = model.completed_robot
     except HybridDynamicsError as error:

@@ -18,7 +18,6 @@ from scipy.signal import butter, sosfiltfilt
 
 from hybrid_dynamics.effects import family
 from hybrid_dynamics.errors import InputError
-from hybrid_dynamics.loop.bandwidth import narrowed
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel
 from hybrid_dynamics.loop.uncertainty import Uncertainty
@@ -101,10 +100,11 @@ def predict(
     """The torque ``model`` predicts along ``log`` (``q``, ``dq`` where it has it; its torque is only compared with).
 
     ``log`` has its own stamps, even or not. Single samples that stand alone are left out (interpolated) and told, as
-    the loop leaves them out: one of them would spread over a filter's window. Whether the log can be of this robot is
-    not asked here but by :func:`hybrid_dynamics.check.checked_log`, as the command does first. With ``parts`` the share
-    of each effect is told, in the order of the model; with ``uncertainty`` the band. Raises :class:`InputError` where
-    the log does not fit the robot.
+    the loop leaves them out: one of them would spread over a filter's window. ``settings``: by default the bandwidth
+    that the model was found at (:attr:`.Model.cutoff`). Whether the log can be of this robot is not asked here but by
+    :func:`hybrid_dynamics.check.checked_log`, as the command does first. With ``parts`` the share of each effect is
+    told, in the order of the model; with ``uncertainty`` the band. Raises :class:`InputError` where the log does not
+    fit the robot.
 
     >>> from hybrid_dynamics import Model, Robot, predict, read_log
     >>> robot = Robot.from_urdf("robot.urdf")
@@ -123,10 +123,7 @@ def predict(
     pieces = resample(log, None, notify)
     if not pieces:
         raise InputError(f"log {log.name}: {NO_STRETCH}")
-    settings, lowered = narrowed(model.completed_robot, pieces, settings or ProcessSettings())
-    if notify is not None:
-        for line in lowered:
-            notify(f"{log.name}: {line}")
+    settings = settings or (ProcessSettings() if model.cutoff is None else ProcessSettings(cutoff=model.cutoff))
     shape = log["q"].shape
     tau, smooth = np.full(shape, np.nan), np.full(shape, np.nan)
     shares = {name: np.full(shape, np.nan) for name in (_names(model) if parts else ())}

@@ -152,7 +152,8 @@ def keep_sure(
             sure = (gain.surer_than(level) or known) and shows and not judge.nibbles(term, gain, full, NIBBLE_KEPT)
             # What every joint of a real arm has needs no more than a coefficient as sure as that, and a gain at all; no
             # more does what a joint goes wrong without: chance does not halve what parts held out are left with.
-            halves = bool(np.any(evidence.acts(term) & (gain.per_joint > judge.mean_square(full))))
+            least = np.maximum(judge.mean_square(full), judge.floor**2)
+            halves = bool(np.any(evidence.acts(term) & (gain.per_joint > least)))
             needed = term.family().everywhere or (halves and shows)
             plain = needed and size > level and gain.surer_than(judge.settings.gain_in_errors)
             if term in forced:

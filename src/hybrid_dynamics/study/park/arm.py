@@ -7,7 +7,7 @@ pass the same low-pass as the torque they are compared with.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -75,6 +75,8 @@ def judge_arm(
     """Judge the arm whose loop was closed on ``logs`` (training and test runs) with ``result``, on its test runs."""
     settings = settings or ParkSettings()
     train, test = list(result.train), list(result.test)
+    # The log's own bandwidth is that of the loop on all its runs; a part of them alone would have another.
+    loop = replace(loop, process=replace(loop.process, cutoff=max(run.cutoff for run in train), own_bandwidth=False))
     measured = np.concatenate([run.tau for run in test])
     classical = LeastSquares(robot, least_squares).fit([_smoothed(run) for run in train])
     found = result.found
