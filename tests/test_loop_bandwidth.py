@@ -1,4 +1,4 @@
-"""A log's own bandwidth: coarse positions, a torque that was smoothed, and what is none of these."""
+"""A log's own bandwidth: coarse positions and velocities, and what is none of these."""
 
 from __future__ import annotations
 
@@ -114,12 +114,10 @@ def shaken(seed: int = 1) -> Trajectory:
     return replace(run, signals={"q": q, "tau": tau + noise})
 
 
-def test_a_torque_that_was_smoothed_lowers_it_to_where_it_is_whole() -> None:
-    whole = shaken()
-    assert narrowed(ROBOT, [whole], ASKED)[0] == ASKED, "an arm that shakes and whose torque says so"
-    settings, told = narrowed(ROBOT, [smoothed(whole, 5.0)], ASKED)
-    assert 1.0 < settings.cutoff < 12.0
-    assert "smoothed before it was logged" in told[0]
+def test_a_torque_that_was_smoothed_or_that_friction_made_needless_does_not_lower_it() -> None:
+    """An arm that accelerates by its friction has no torque for that either."""
+    assert narrowed(ROBOT, [shaken()], ASKED)[0] == ASKED
+    assert narrowed(ROBOT, [smoothed(shaken(), 5.0)], ASKED)[0] == ASKED
 
 
 def test_where_a_rotor_is_most_of_the_inertia_its_noise_counts() -> None:
@@ -131,9 +129,9 @@ def test_where_a_rotor_is_most_of_the_inertia_its_noise_counts() -> None:
 
 def test_what_the_noise_leaves_is_said_where_it_cannot_be_less() -> None:
     # Of six seconds the ends that a filter of less than 4 Hz spoils would be too large a part.
-    short = log([], step=50 * TWELVE_BITS).rows(slice(0, 1200))
+    short = log([], step=100 * TWELVE_BITS).rows(slice(0, 1200))
     settings, told = narrowed(ROBOT, [short], ASKED)
-    assert 4.0 <= settings.cutoff < 4.5
+    assert 4.0 <= settings.cutoff < 5.0
     assert "inertias come out too small" in told[0]
 
 
@@ -142,7 +140,7 @@ def test_coarse_positions_make_no_names() -> None:
     result = close_loop(ROBOT, [train], [test])
     assert result.diagnosis.verdict == "nothing_missing"
     assert result.model.effects == ()
-    assert any("positions too coarse" in note for note in result.diagnosis.notes)
+    assert any("are noise of the positions" in note for note in result.diagnosis.notes)
 
 
 def test_without_it_coarse_positions_pass_for_something_that_is_missing() -> None:

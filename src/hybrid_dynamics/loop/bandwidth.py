@@ -1,17 +1,16 @@
-"""Up to which frequency accelerations and torque tell of each other: a log's own bandwidth.
+"""Up to which frequency a log's accelerations are those of the arm: its own bandwidth.
 
-Positions that come in coarse steps make accelerations that nobody moved with, the more the higher the frequency; a
-torque that was smoothed before it was logged lacks what the arm did. Either way inertia times acceleration is larger
-than what was measured, a fit of it comes out too small, and links, rotors and couplings get named for it (errors in
-variables; Gautier and Poignet 2001 choose their filters by hand for the same reason). Two things tell:
-
-- what positions (or velocities, where those are measured) scatter by: the level of their spectrum beyond all motion,
-  and what their steps round away;
-- rigid-body torque of which the measured one has next to nothing: beyond the frequencies of the motion inertia acts
-  alone, and what it takes must have been there.
+Positions that come in coarse steps make accelerations that nobody moved with, the more the higher the frequency.
+Inertia times acceleration is larger than what was measured then, a fit of it comes out too small, and links, rotors and
+couplings get named for it (errors in variables; Gautier and Poignet 2001 choose their filters by hand for the same
+reason). What positions (or velocities, where those are measured) scatter by tells: the level of their spectrum beyond
+all motion, and what their steps round away.
 
 The cut-off is lowered until a fit of inertia could gain next to nothing from such noise, and no further than where the
 motion itself, or too much of a run's ends, would be lost.
+
+That a torque was smoothed before it was logged is not looked for: beyond the motion's frequencies an arm accelerates by
+its friction, too, and no torque is measured of that either.
 """
 
 from __future__ import annotations
@@ -43,14 +42,9 @@ _REPEATS = 0.1
 _MOVING = 5
 #: States of a run at which its joints' inertias are asked.
 _STATES = 60
-#: Power by which the torque of the rigid body may exceed what was measured.
-_MARGIN = 4.0
-#: Frequencies over which that is asked together.
-_BINS = 5
-#: Share of the measured power below whose frequency the motion lies.
-_MOTION = 0.99
-#: Twice the log-likelihood that a fit of inertia may gain from noise, all joints together.
-_GAIN = 1.0
+#: Twice the log-likelihood that a fit of inertia may gain from noise, all joints together: as of one coefficient of two
+#: standard errors, half of what a name must have.
+_GAIN = 4.0
 #: Share of the acceleration that the filter may take beyond what it takes anyway.
 _LOST = 0.01
 #: Of the torque (rms), the share that no noise should hide that is not the torque's own: friction may be as little.
@@ -128,9 +122,10 @@ def narrowed(
         return settings, []
     left = _judged(spectra, best, moving)
     rest = f"; {left.noise:.2g} of what accelerates is noise still, and inertias come out too small by that"
+    signal = "velocities" if "dq" in train[0] else "positions"
     return replace(settings, cutoff=best), [
-        f"beyond {best:.2g} Hz accelerations ask for torque that was not measured (positions too coarse or too noisy, "
-        f"or a torque that was smoothed before it was logged): compared up to there, not up to {asked:.3g} Hz"
+        f"beyond {best:.2g} Hz accelerations are noise of the {signal}, which are too coarse for more: "
+        f"torque and motion are compared up to there, not up to {asked:.3g} Hz"
         f"{rest if left.gain > _GAIN else ''}"
     ]
 
@@ -174,7 +169,6 @@ def _spectra(robot: Robot, run: Trajectory, heard: Heard, asked: float) -> _Spec
     f, moved = _usual(inertial, run.dt)
     _, measured = _welch(run["tau"], run.dt)
     noise = _scatter(f, run) @ _squared_inertia(robot, q, heard).T
-    noise = np.maximum(noise, _unmeasured(_welch(rest + inertial, run.dt)[1], measured))
     inertia = np.maximum(moved - noise, 0.0)
     return _Spectra(
         f,
@@ -187,18 +181,6 @@ def _spectra(robot: Robot, run: Trajectory, heard: Heard, asked: float) -> _Spec
         len(run.time) * run.dt,
         asked,
     )
-
-
-def _unmeasured(asked: Array, measured: Array) -> Array:
-    """(F, n) what the rigid body's torque has of power beyond all that the ``measured`` one could have, at frequencies
-    above those of the motion: a unit or a weight that is off is in both."""
-    power = np.cumsum(measured, axis=0)
-    slow = power <= _MOTION * power[-1]
-    slow[0] = True
-    ratio = np.maximum(np.sum(asked * slow, axis=0) / np.maximum(np.sum(measured * slow, axis=0), 1e-300), 1.0)
-    # At a single frequency weight, friction and inertia may cancel by chance.
-    wide = [uniform_filter1d(x, _BINS, axis=0) for x in (asked, measured)]
-    return np.asarray(np.where(slow, 0.0, np.maximum(wide[0] - _MARGIN * ratio * wide[1], 0.0)))
 
 
 def _scatter(f: Array, run: Trajectory) -> Array:

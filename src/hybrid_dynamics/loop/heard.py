@@ -15,7 +15,7 @@ from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
-#: Share of the asked bandwidth in which inertia is heard: beyond it the torque may have been smoothed.
+#: Share of the asked bandwidth in which inertia is heard: beyond it accelerations may be noise.
 _BAND = 0.25
 #: Share of the inertial torque that a joint's torque must vary by: less, and its sensor is dead or in another unit.
 _ALIVE = 0.05
