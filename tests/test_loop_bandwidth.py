@@ -76,6 +76,12 @@ def test_it_is_left_alone_on_request_and_never_raised() -> None:
     assert narrowed(ROBOT, [coarse], low) == (low, [])
 
 
+def test_a_run_that_is_too_short_anyway_is_left_to_the_filter_to_refuse() -> None:
+    coarse = log([], step=16 * TWELVE_BITS)
+    short = coarse.rows(slice(0, least_rows(coarse.dt, ASKED) - 1))
+    assert narrowed(ROBOT, [coarse, short], ASKED) == (ASKED, [])
+
+
 def test_noise_of_the_torque_alone_does_not_lower_it() -> None:
     assert narrowed(ROBOT, [log(FRICTION, noise=2.0)], ASKED)[0] == ASKED
 

@@ -1,10 +1,9 @@
 """Up to which frequency a log's accelerations are those of the arm: its own bandwidth.
 
 Positions that come in coarse steps make accelerations that nobody moved with, the more the higher the frequency.
-Inertia times acceleration is larger than what was measured then, a fit of it comes out too small, and links, rotors and
-couplings get named for it (errors in variables; Gautier and Poignet 2001 choose their filters by hand for the same
-reason). What positions (or velocities, where those are measured) scatter by tells: the level of their spectrum beyond
-all motion, and what their steps round away.
+Inertia times acceleration is larger than what was measured then, a fit of it comes out too small (errors in variables),
+and links, rotors and couplings get named for it. What positions (or velocities, where those are measured) scatter by
+tells: the level of their spectrum beyond all motion, and what their steps round away.
 
 The cut-off is lowered until a fit of inertia could gain next to nothing from such noise, and no further than where the
 motion itself, or too much of a run's ends, would be lost.
@@ -17,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +95,8 @@ def narrowed(
     No run, nor one of ``test``, becomes too short for the filter by it; of every training run the share ``held_out`` is
     one, too.
     """
-    if not settings.own_bandwidth:
+    # A run too short for the filter as it is set is refused where it is filtered, and says so.
+    if not settings.own_bandwidth or any(len(run.time) < least_rows(run.dt, settings) for run in train):
         return settings, []
     heard = as_heard(robot, train, settings)
     moving = np.any([np.ptp(run["q"], axis=0) >= settings.moving_range for run in train], axis=0) & heard.alive
@@ -229,12 +228,13 @@ def _squared_inertia(robot: Robot, q: Array, heard: Heard) -> Array:
 
 
 def _length(rows: int, dt: float) -> int:
-    return max(min(round(_STRETCH / dt), rows // 2), min(8, rows))
+    return min(round(_STRETCH / dt), rows // 2)
 
 
-def _welch(signal: Array, dt: float, average: Literal["mean", "median"] = "median") -> tuple[Array, Array]:
+def _welch(signal: Array, dt: float) -> tuple[Array, Array]:
+    """Frequencies (F,) [Hz] and the density (F, n) of ``signal`` (N, n): the median over stretches."""
     f, power = welch(  # type: ignore[call-overload]  # the stubs know no detrend="linear"
-        signal, 1.0 / dt, nperseg=_length(len(signal), dt), detrend="linear", axis=0, average=average
+        signal, 1.0 / dt, nperseg=_length(len(signal), dt), detrend="linear", axis=0, average="median"
     )
     return np.asarray(f), np.asarray(power)
 
