@@ -103,23 +103,22 @@ def narrowed(
     if not moving.any():
         return settings, []
     spectra = [_spectra(robot, run, heard, settings.cutoff_at(run.dt)) for run in train]
-    best = asked = max(s.asked for s in spectra)
-    borne = _LOST + _judged(spectra, asked, moving).lost
+    asked = max(s.asked for s in spectra)
+    best, left = asked, _judged(spectra, asked, moving)
+    borne = _LOST + left.lost
     # At both ends of a run the filter knows one side only.
     ends = 2 * END_PERIODS * len(train) / sum(s.duration for s in spectra)
     long_enough = _long_enough([*test, *(run.rows(slice(0, int(held_out * len(run.time)))) for run in train)], settings)
-    cutoff = asked
-    while cutoff >= max(_LOWEST, ends / _ENDS) and long_enough(cutoff):
-        now = _judged(spectra, cutoff, moving)
-        if now.lost > max(borne, now.noise):
+    while left.gain > _GAIN or (left.loud and best * _STEP >= ends / _ENDS_FOR_POWER):
+        cutoff = best * _STEP
+        if cutoff < max(_LOWEST, ends / _ENDS) or not long_enough(cutoff):
             break
-        best = cutoff
-        if now.gain <= _GAIN and not (now.loud and cutoff * _STEP >= ends / _ENDS_FOR_POWER):
+        lower = _judged(spectra, cutoff, moving)
+        if lower.lost > max(borne, lower.noise):
             break
-        cutoff *= _STEP
+        best, left = cutoff, lower
     if best == asked:
         return settings, []
-    left = _judged(spectra, best, moving)
     rest = f"; {left.noise:.2g} of what accelerates is noise still, and inertias come out too small by that"
     signal = "velocities" if "dq" in train[0] else "positions"
     return replace(settings, cutoff=best), [
@@ -189,12 +188,12 @@ def _scatter(f: Array, run: Trajectory) -> Array:
     positions do, a controller made them of these.
     """
     omega = (2 * np.pi * f[:, None]) ** 2
-    at, power = _welch(run["q"], run.dt)
+    _, power = _welch(run["q"], run.dt)
     steps = _steps(run["q"]) ** 2 / 12 * 2 * run.dt
-    from_positions = omega**2 * np.maximum(np.median(power[_within(at, run.dt, _FARTHER)], axis=0), steps)
+    from_positions = omega**2 * np.maximum(np.median(power[_within(f, run.dt, _FARTHER)], axis=0), steps)
     if "dq" not in run:
         return np.asarray(from_positions)
-    near = _within(at, run.dt, _NEARER)
+    near = _within(f, run.dt, _NEARER)
     positions, speeds = np.median(power[near], axis=0), np.median(_welch(run["dq"], run.dt)[1][near], axis=0)
     times = speeds * run.dt**2 / np.maximum(positions, 1e-300)
     differences = (times > 1.0 / _LIKE_DIFFERENCES) & (times < _LIKE_DIFFERENCES)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
+from hybrid_dynamics.differentiate.butterworth import lowpass
 from hybrid_dynamics.loop.process import ProcessSettings, derivative
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -57,13 +57,8 @@ def as_heard(robot: Robot, runs: Sequence[Trajectory], settings: ProcessSettings
 def _columns(robot: Robot, run: Trajectory, cutoff: float) -> Array:
     """(n, T, p) per joint what its torque may consist of, its links' inertial torque first and its own acceleration
     next, and that torque, below ``cutoff`` [Hz] and without their means."""
-    low_pass = butter(4, cutoff, fs=1.0 / run.dt, output="sos")
-
-    def smooth(x: Array) -> Array:
-        return np.asarray(sosfiltfilt(low_pass, x, axis=0, padlen=min(round(2.0 / cutoff / run.dt), len(x) - 1)))
-
-    q, tau = smooth(run["q"]), smooth(run["tau"])
-    dq = smooth(run["dq"]) if "dq" in run else derivative(q, run.dt)
+    q, tau = (lowpass(run[name], run.dt, cutoff) for name in ("q", "tau"))
+    dq = lowpass(run["dq"], run.dt, cutoff) if "dq" in run else derivative(q, run.dt)
     ddq = derivative(dq, run.dt)
     thin = slice(None, None, max(round(1.0 / (_SAMPLES * cutoff * run.dt)), 1))
     q, dq, ddq, tau = q[thin], dq[thin], ddq[thin], tau[thin]

@@ -63,7 +63,7 @@ class Model:
             return self
         own = [e for e in self.effects if acts_in(e.settings, name)]
         effects = tuple(replace(e, settings={k: v for k, v in e.settings.items() if k != ONLY_RUN}) for e in own)
-        return Model(self.robot, effects, self.inactive, self.misfit, self.cutoff)
+        return replace(self, effects=effects)
 
     @cached_property
     def predictions(self) -> dict[int, tuple[Any, Array]]:

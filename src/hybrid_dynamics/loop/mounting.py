@@ -14,6 +14,7 @@ to it (:data:`hybrid_dynamics.effects.gravity_tilt.UPRIGHT`). Found on a Rokae A
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -79,7 +80,7 @@ def held_upright(start: Model, searched: Model) -> list[str]:
 
 
 def _with(start: Model, tilt: Effect) -> Model:
-    return Model(start.robot, (*start.effects, tilt), start.inactive, start.misfit)
+    return replace(start, effects=(*start.effects, tilt))
 
 
 def _gravity(model: Model) -> Array:
