@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from tests.small_arm import heavier_links, noisy_log
@@ -61,7 +63,7 @@ def test_powers_of_the_speed_that_undo_each_other_many_times_over_are_told() -> 
     # The largest alone goes: without it the other is no more than there is.
     assert undone(judge, law) == [law[1]]
     assert undone(judge, law[:1]) == []
-    # What is no friction has no part in it.
+    # What stands beside them has no part in it.
     assert undone(judge, [OFFSET, *law]) == [law[1]]
     # And a search does not end with them.
     judge, candidates = judged_of(slow)
@@ -71,6 +73,37 @@ def test_powers_of_the_speed_that_undo_each_other_many_times_over_are_told() -> 
     # Control: the same law where the joint shows all of it, at .1 rad/s and at ten times that.
     judge, _ = judged_of([noisy_log(powers(1.0), seed, "train", 0.01) for seed in (1, 2)], *law)
     assert undone(judge, law) == []
+
+
+def hardly_turning(effects: Sequence[Effect], seed: int) -> Trajectory:
+    """As :func:`noisy_log`, but the elbow goes to and fro over a tenth of a radian."""
+    log = noisy_log([], seed, "train", 0.0)
+    rng, time = np.random.default_rng(seed), log.time
+    q = np.column_stack([log["q"][:, 0], 0.05 * np.sin(2.0 * time + seed)])
+    dq = np.gradient(q, time, axis=0)
+    tau = predict(ROBOT, list(effects), q, dq, np.gradient(dq, time, axis=0), time)
+    return Trajectory(log.name, "train", time, {"q": q, "dq": dq, "tau": tau + 0.005 * rng.normal(size=tau.shape)})
+
+
+def test_a_spring_and_an_offset_that_undo_each_other_are_told() -> None:
+    """Over a short way a wave and a constant make the bow of any law: on a Med7 that turned by a third of a radian, an
+    offset of 9 N m and a spring of 17 where no more than half a newton metre was ever measured."""
+    crest = {"stiffness": 200.0, "rest_position": 0.5 * np.pi}
+    bow = [
+        Effect("joint_spring", (ELBOW,), crest, {"shape": "sine"}),
+        Effect("torque_offset", (ELBOW,), {"offset": 200.0}),
+    ]
+    spring, offset = Term("joint_spring", 1, (("shape", "sine"),)), Term("torque_offset", 1)
+    judge, _ = judged_of([hardly_turning(bow, seed) for seed in (1, 2)], spring, offset)
+    # The trap is there: both are many times all that there is.
+    most = MOST_TORQUE * torque_moving(judge.evidence)[1]
+    assert abs(judge.evidence.fit([offset, spring])[0]) > 5 * most
+    assert len(undone(judge, [offset, spring])) == 1, "without the one, the other is no more than there is"
+    # Control: either alone is as large, and is measured.
+    for one, effect in ((spring, bow[0]), (offset, bow[1])):
+        judge, _ = judged_of([hardly_turning([effect], seed) for seed in (1, 2)], one)
+        assert np.abs(judge.evidence.fit([one])).max() > 5 * most
+        assert undone(judge, [one]) == []
 
 
 def strokes(force: float, seed: int) -> Trajectory:

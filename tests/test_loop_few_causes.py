@@ -19,7 +19,7 @@ from hybrid_dynamics.loop.further import merge_forms, reshaped, simplify_bodies
 from hybrid_dynamics.loop.narrow import narrowed
 from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
 from hybrid_dynamics.loop.prepare import gather, read_motion
-from hybrid_dynamics.loop.prune import _common
+from hybrid_dynamics.loop.prune import _common, impossible
 from hybrid_dynamics.loop.trace import Gain, Judge
 from hybrid_dynamics.loop.widen import widened
 from hybrid_dynamics.robots import Robot
@@ -103,6 +103,23 @@ def test_friction_and_an_offset_are_friction_that_is_rougher_one_way(seed: int) 
     )
     judge, _ = _judged(dry, offset, seed=seed)
     assert one_for_two(judge, [DRY, OFFSET])[1] == [DRY, OFFSET]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_friction_that_would_be_next_to_nothing_one_way_is_plain_beside_an_offset(seed: int) -> None:
+    """As torque sensors have it that do not read zero: no drive is rough one way only."""
+    judge, _ = _judged(_friction(1.5, 0.05), seed=seed)
+    assert one_for_two(judge, [DRY, OFFSET])[1] == [DRY, OFFSET]
+    assert impossible(judge.at([UNEVEN]), [UNEVEN]) == [UNEVEN]
+    # On top of what the starting model has the same is no more than rougher one way.
+    settings = LoopSettings()
+    start = Model(ROBOT, (Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 1.0}),))
+    logs = read_motion(
+        ROBOT, [noisy_log([_friction(2.5, 1.05)], seed + k, "train", NOISE) for k in (0, 1)], [], settings
+    )
+    judge, _, _ = gather(start, logs, settings)
+    judge = judge.adding([UNEVEN]).at([UNEVEN])
+    assert impossible(judge, [UNEVEN]) == []
 
 
 @pytest.mark.parametrize("seed", range(3))

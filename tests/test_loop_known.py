@@ -132,6 +132,10 @@ def test_an_only_number_within_two_errors_of_nothing_is_not_known_and_one_of_sev
     assert known_module.unknown(weighs(-1.9), ROBOT) == heavier
     assert known_module.unknown(weighs(-2.1), ROBOT) is None
     assert known_module.unknown({**of(0.8), **weighs(1.0)}, ROBOT) == heavier
+    # An offset not every sensor has.
+    for errors, known in ((1.9, False), (2.1, True)):
+        own = Effect("torque_offset", (ELBOW,), {"offset": -errors}, std_errors={"offset": 1.0})
+        assert (known_module.unknown({OFFSET: own}, ROBOT) is None) is known
     # Of two, one that is 1.5 errors off is known; of a body's many only sums may be.
     law = Term("asymmetric_coulomb_friction", 1)
     for sizes, known in (((1.5, 0.2), True), ((0.9, 0.2), False)):

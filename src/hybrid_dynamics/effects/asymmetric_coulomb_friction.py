@@ -26,6 +26,9 @@ from hybrid_dynamics.effects.state import Equivalence, Parameter, Settings, Stat
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.types import Array
 
+#: Friction that is less one way than this share of what it is the other way is plain friction beside an offset.
+ONE_WAY = 0.1
+
 
 @register
 class AsymmetricCoulombFriction(Family):
@@ -69,6 +72,12 @@ class AsymmetricCoulombFriction(Family):
 
     def lower_bounds(self, robot: Robot | None = None, term: Term | None = None) -> Array:
         return np.zeros(2)
+
+    def is_none(self, x: Array, term: Term, dry_friction: float) -> bool:
+        """All dry friction of the joint together next to nothing one way (:data:`ONE_WAY`): no drive is rough one way
+        only, but friction beside an offset looks so."""
+        apart = 0.5 * abs(float(x[0] - x[1]))
+        return bool(dry_friction * (1.0 - ONE_WAY) <= apart * (1.0 + ONE_WAY))
 
     def draw(self, robot: Robot, term: Term, rng: np.random.Generator) -> Array:
         ratio = float(rng.uniform(0.2, 0.7))

@@ -59,13 +59,19 @@ def undone(judge: Judge, current: Sequence[Term]) -> list[Term]:
             term: max(evidence.square_at(term, part) for part in np.diag(x[start : start + term.size]))
             - most[term.index] ** 2
             for term, start in zip(layout.terms, layout.starts, strict=True)
-            if term.joint is not None and term.family().is_friction and term.joint not in drifting
+            if term.joint is not None and _is_torque(term) and term.joint not in drifting
         }
         worst = max(excess, key=lambda t: (excess[t], repr(t)), default=None)
         if worst is None or excess[worst] <= 0.0:
             return out
         out.append(worst)
         rest.remove(worst)
+
+
+def _is_torque(term: Term) -> bool:
+    """True for a torque of its own on one joint: neither a body nor a reading of positions or torques."""
+    kind = term.family()
+    return not (kind.is_body or kind.changes_reading or kind.follows_time)
 
 
 def torque_moving(evidence: Evidence) -> Array:

@@ -33,8 +33,8 @@ from hybrid_dynamics.loop.weighing import as_left
 from hybrid_dynamics.robots import Robot
 
 #: Standard errors from which on something is known of one of several parameters, and of the only one: within two of
-#: nothing it may well be nothing, while of several that are sure together each can be unsure. (Friction, an offset and
-#: a rotor every real joint has: of these one is enough.)
+#: nothing it may well be nothing, while of several that are sure together each can be unsure. (Friction and a rotor
+#: every real joint has: of these one is enough.)
 OF_SEVERAL, OF_ONE = 1.0, 2.0
 #: A joint of which so many times as much is left (mean square) without a cause is wrong by what that had balanced.
 WRONG = 2.0
@@ -210,11 +210,16 @@ def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:
     makes torque lies within its standard error of what it is without, the only one of what not every joint has within
     two of them. No body of ten: in few poses only sums of its numbers are known."""
     asked = {t: (e, _amounts(e)) for t, e in effects.items() if not t.family().is_body}
-    rare = {t: len(amounts) == 1 and not t.family().everywhere for t, (_, amounts) in asked.items()}
+    rare = {t: len(amounts) == 1 and not _in_every_joint(t) for t, (_, amounts) in asked.items()}
     least = {t: OF_ONE if rare[t] else OF_SEVERAL for t in asked}
     sizes = {t: published_in_errors(t, e, robot, amounts) / least[t] for t, (e, amounts) in asked.items()}
     nothing = [t for t, size in sizes.items() if size < 1.0]
     return min(nothing, key=lambda t: (sizes[t], repr(t)), default=None)
+
+
+def _in_every_joint(term: Term) -> bool:
+    """True for friction and rotors, which every real joint has; an offset not every torque sensor has."""
+    return term.family().everywhere and not term.family().like_weight
 
 
 def _amounts(effect: Effect) -> list[str]:

@@ -17,6 +17,7 @@ from scipy.stats import t as student
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.sign import AT_REST, MIDDLE
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.prune import impossible
 from hybrid_dynamics.loop.resting import rests
 from hybrid_dynamics.loop.search import take
 from hybrid_dynamics.loop.trace import Judge
@@ -41,7 +42,8 @@ def one_for_two(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]
                 continue
             if _at_rest(judge, out, two):
                 continue
-            if (there := take(offered, out, trial)) is not None:
+            there = take(offered, out, trial)
+            if there is not None and one not in impossible(there, trial):
                 judge, out = there, trial
     return judge, out
 
