@@ -112,8 +112,8 @@ def test_runs_of_another_gain_are_no_test_of_a_model(factor):
 
 
 def test_where_the_model_was_not_taught_a_torque_of_the_other_sign_is_no_fault_of_the_log():
-    """A spring that was learnt on one side of where it rests may be another one on the other side; but positions that
-    are turned round are there for being turned."""
+    """A spring that was learnt on one side of where it rests may be another one on the other side; of positions that
+    are turned round, and are there for being turned, it is a warning."""
     run, model = log(*HIDDEN), Model(arm(), HIDDEN)
     away = replace(run, name="away").with_signals(q=run["q"] + [0.0, 10.0])
     turned_round = run.with_signals(tau=run["tau"] * [1.0, -1.0])
@@ -129,7 +129,29 @@ def test_where_the_model_was_not_taught_a_torque_of_the_other_sign_is_no_fault_o
         "shoulder"
     ]
     mirrored = run.with_signals(q=run["q"] * [1.0, -1.0])
-    assert [f.code for f in told_by_model(model, [mirrored], [away])] == ["position_sign"]
+    (found,) = told_by_model(model, [mirrored], [away])
+    assert (found.code, found.severity, found.suggestion) == ("position_sign", "warning", {})
+    # Where the model was learnt it is certain.
+    (found,) = told_by_model(model, [mirrored], [run])
+    assert (found.code, found.severity) == ("position_sign", "hard")
+    assert found.suggestion["sign"]["q"] == [1, -1]
+
+
+def test_a_law_alike_on_both_sides_that_was_learnt_on_one_refuses_no_run_on_the_other():
+    """A spring that grows stiffer, learnt as a linear one that rests elsewhere: turned round, the run is where it was
+    learnt (a blind case of a UR10e)."""
+    linear = Effect("joint_spring", ("turn",), {"stiffness": 60.0, "rest_position": 0.5}, {"shape": "linear"})
+    table = Robot.from_text(TABLE, "table.urdf")
+    run = excitation(table, [], duration=8.0, rate=200.0)
+    here = run.with_signals(q=0.2 * (run["q"] - run["q"].min()) / np.ptp(run["q"]) + 0.8)
+    here = here.with_signals(tau=60.0 * (here["q"] - 0.5))
+    there = replace(here, name="there").with_signals(q=-here["q"], tau=-here["tau"])
+    (found,) = told_by_model(Model(table, (linear,)), [there], [here])
+    assert (found.code, found.severity) == ("position_sign", "warning")
+    assert "not learnt where the joint is" in found.text
+    # Control: learnt on both sides the log is what is wrong.
+    both = here.with_signals(q=1.5 * np.sin(here.time)[:, None])
+    assert [f.severity for f in told_by_model(Model(table, (linear,)), [there], [both])] == ["hard"]
 
 
 def test_a_load_or_worn_friction_of_the_only_joint_is_no_gain():

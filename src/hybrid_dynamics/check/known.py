@@ -33,6 +33,8 @@ SILENT = 1e-18
 #: One factor is that of at least two joints whose torque is this share of the largest (rms), by so much (natural
 #: logarithm) at most.
 STRONG, ALIKE = 0.05, 0.3
+#: Why a joint that looks turned round may be as it is.
+ELSEWHERE = "the model was not learnt where the joint is, and a law alike on both sides would look the same"
 #: Most of the samples, and of the joints, are more than this share.
 MOSTLY = 0.5
 
@@ -90,7 +92,8 @@ def check_known(
 
     With ``gains`` all torques may be wrong by one factor, too: of a log that is predicted along, none of its business.
     ``taught``: the runs from which the model was learnt, if they are known. Of the torque of a joint that is mostly
-    where these have not been it says nothing: there a law that was learnt may have the other sign.
+    where these have not been it says nothing: there a law that was learnt may have the other sign. And of such a joint
+    that is turned round it is only a warning: a law that is alike on both sides, learnt on one, hits it so, too.
     """
     parts = few_rows(true_stretches(model, runs))
     if not parts:
@@ -115,7 +118,10 @@ def check_known(
     better = told - best > MISSED
     if not better.any() or np.any(best[better] > HIT) or np.any(best > told + WORSE):
         return []
-    return [_finding(reading, names, float(told[better].max()), float(best[better].max()))]
+    found = _finding(reading, names, float(told[better].max()), float(best[better].max()))
+    if reading.moved.get("mirror") is None or known[list(reading.joints)].all():
+        return [found]
+    return [replace(found, severity="warning", text=f"it looks like {found.text}; {ELSEWHERE}", suggestion={})]
 
 
 def told_by_model(model: Completed, runs: Sequence[Trajectory], taught: Sequence[Trajectory]) -> list[Finding]:

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from hybrid_dynamics.differentiate.butterworth import lowpass
+from hybrid_dynamics.differentiate.scatter import position_noise
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
 #: Low-pass [Hz] for all signals, lowered to ``CUTOFF_SHARE`` of a slow log's rate; samples kept per period of it.
 CUTOFF, CUTOFF_SHARE, KEPT = 10.0, 0.1, 5.0
+#: Of the accelerations' variance, the share that noise of coarse positions may be: the low-pass is lowered until it is.
+NOISE, LOWEST, STEP = 0.05, 2.0, 2.0**-0.5
 #: Left out at both ends, in periods of the cut-off: the filter's transients.
 TRIM = 2.0
 #: Rows in all that are looked at; longer logs are thinned out by leaving out whole runs, then by cutting runs.
@@ -40,18 +43,46 @@ class Stretch:
 
 
 def stretch(run: Trajectory) -> Stretch | None:
-    """``run`` (``q tau`` on a uniform grid) filtered and thinned; None where it is too short to say anything."""
+    """``run`` (``q tau`` on a uniform grid) filtered and thinned; None where it is too short to say anything.
+
+    Where positions come in steps so coarse that accelerations would be noise of theirs, a lower low-pass for all:
+    noise that nobody moved with looks like inertia that the torque lacks, and so like a clock that runs too fast.
+    """
     dt = run.dt
     cutoff = min(CUTOFF, CUTOFF_SHARE / dt)
-    trim = int(np.ceil(TRIM / cutoff / dt))
-    if len(run.time) < 2 * trim + 20:
+    if not _long_enough(run, cutoff):
         return None
-    q, tau = (lowpass(run[s], dt, cutoff) for s in ("q", "tau"))
-    dq = np.gradient(q, dt, axis=0)
-    ddq = np.gradient(dq, dt, axis=0)
+    q, dq, ddq = _derivatives(run, cutoff)
+    noise = position_noise(run["q"], dt).sum()
+    while _noise(noise, cutoff) > NOISE * ddq.var(axis=0).sum() and cutoff * STEP >= LOWEST:
+        if not _long_enough(run, cutoff * STEP):
+            break
+        cutoff *= STEP
+        q, dq, ddq = _derivatives(run, cutoff)
+    tau = lowpass(run["tau"], dt, cutoff)
     keep = max(int(1.0 / (dt * KEPT * cutoff)), 1)
-    rows = slice(trim, len(q) - trim, keep)
+    rows = slice(_trim(cutoff, dt), len(q) - _trim(cutoff, dt), keep)
     return Stretch(run.name, dt * keep, cutoff, q[rows], dq[rows], ddq[rows], tau[rows])
+
+
+def _trim(cutoff: float, dt: float) -> int:
+    return int(np.ceil(TRIM / cutoff / dt))
+
+
+def _long_enough(run: Trajectory, cutoff: float) -> bool:
+    return len(run.time) >= 2 * _trim(cutoff, run.dt) + 20
+
+
+def _derivatives(run: Trajectory, cutoff: float) -> tuple[Array, Array, Array]:
+    """Positions below ``cutoff`` [Hz] and their derivatives, (N, n) each."""
+    q = lowpass(run["q"], run.dt, cutoff)
+    dq = np.gradient(q, run.dt, axis=0)
+    return q, dq, np.gradient(dq, run.dt, axis=0)
+
+
+def _noise(density: float, cutoff: float) -> float:
+    """Variance [rad^2/s^4] of accelerations below ``cutoff`` [Hz] by positions' white noise [rad^2/Hz]."""
+    return float(density * (2 * np.pi) ** 4 * cutoff**5 / 5)
 
 
 def stretches(runs: Sequence[Trajectory]) -> list[Stretch]:

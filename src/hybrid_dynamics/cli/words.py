@@ -33,6 +33,8 @@ Entry = Mapping[str, Any]
 _MOST = 4
 #: Causes that could stand for one name, each with its reason; of further ones the names.
 _ALIKE = 3
+#: Lines on what cannot be told apart; of further ones how many.
+_MOST_ALIKE = 6
 #: Notes of a diagnosis that say again what :func:`details` says.
 TOLD_ALREADY = (
     "contradicted by the test runs",
@@ -117,8 +119,7 @@ def details(diagnosis: Mapping[str, Any]) -> list[str]:
 
 
 def _open(entry: Entry) -> str:
-    """The parameters of an effect that the motions leave open; of several links how many of each: their values are
-    marked below."""
+    """The parameters of an effect that the motions leave open; of several links how many of each."""
     names = entry["undetermined_parameters"]
     links = Counter(name.split("/")[0] for name in names if "/" in name)
     if not links:
@@ -223,6 +224,8 @@ def _alike(effects: Sequence[Entry]) -> list[str]:
     for name, others in alone.values():
         if more := others[_ALIKE:]:
             out.append(f"cannot be told apart: {name} and {len(more)} more (report.html says why): {'; '.join(more)}")
+    if (count := len(out) - _MOST_ALIKE) > 1:
+        out[_MOST_ALIKE:] = [f"cannot be told apart: {count} more (report.html names them, and what would tell)"]
     return out
 
 
@@ -244,23 +247,32 @@ def notes(diagnosis: Mapping[str, Any]) -> list[str]:
 
 
 def parameter_lines(diagnosis: Mapping[str, Any]) -> list[str]:
-    """Every effect with its parameters, standard errors and settings; joint by joint, then the whole robot."""
+    """Every effect with its parameters, standard errors and settings; joint by joint, then the whole robot. Of several
+    links those numbers that the motions do not leave open: of some ten they say little, and hardly of all."""
     out = []
     order = {name: j for j, name in enumerate(diagnosis["joints"])}
     last = len(order)
     entries = sorted(diagnosis["effects"], key=lambda e: order.get(e["joints"][0], last) if e["joints"] else last)
     for entry in entries:
         bodies: dict[str | None, list[str]] = {}
+        silent = Counter[str | None]()
+        links = len({p.get("joint") for p in entry["parameters"]}) > 1
         for p in entry["parameters"]:
-            words = f"{title_of(p['name'])} {value_of(entry, p)}{' (left open)' if left_open(entry, p) else ''}"
-            bodies.setdefault(p.get("joint"), []).append(words)
+            open_ = left_open(entry, p)
+            values = bodies.setdefault(p.get("joint"), [])
+            if links and open_:
+                silent[p.get("joint")] += 1
+                continue
+            values.append(f"{title_of(p['name'])} {value_of(entry, p)}{' (left open)' if open_ else ''}")
         mark = "" if confirmed(entry) else " (contradicted, not in the model)"
         own = next(iter(bodies.values())) if len(bodies) == 1 else []
         own = [*own, *settings_words(entry, placed=True, slides=slides(diagnosis))]
         out.append(f"{place(entry)}: {', '.join(own)}{mark}" if own else f"{place(entry)}{mark}")
         if len(bodies) > 1:
-            # Ten numbers a link: a line a link.
-            out += [f"  link of {joint}: {', '.join(values)}" for joint, values in bodies.items()]
+            # Ten numbers a link: a line a link, with those of which the motions say something.
+            for joint, values in bodies.items():
+                rest = [f"{silent[joint]} left open"] if silent[joint] else []
+                out.append(f"  link of {joint}: {', '.join([*values, *rest])}")
     return out
 
 

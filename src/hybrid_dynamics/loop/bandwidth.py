@@ -19,25 +19,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import spectrogram, welch
+from scipy.signal import spectrogram
 
+from hybrid_dynamics.differentiate.scatter import density, level, position_noise, stretch_rows, within
 from hybrid_dynamics.loop.heard import Heard, as_heard
 from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel, least_rows
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
-#: Length [s] of the stretches whose spectra are taken the median of: a knock or a glitch is in one of them.
-_STRETCH = 2.0
-#: Shares of the sampling rate between which next to nothing moves, and positions scatter alone: nearer, and farther.
-_NEARER, _FARTHER = (0.2, 0.3), (0.35, 0.5)
+#: Shares of the sampling rate between which next to nothing moves: nearer than where positions scatter alone.
+_NEARER = (0.2, 0.3)
 #: Differences over one sample have twice the power of positions there, over two samples the same: within such a factor.
 _LIKE_DIFFERENCES = 3.0
-#: Steps are those of a sensor where so many of the samples in motion repeat the one before.
-_REPEATS = 0.1
-#: Samples to either side within which a value changes: in motion.
-_MOVING = 5
 #: States of a run at which its joints' inertias are asked.
 _STATES = 60
 #: Twice the log-likelihood that a fit of inertia may gain from noise, all joints together: as of one coefficient of two
@@ -165,7 +159,7 @@ def _spectra(robot: Robot, run: Trajectory, heard: Heard, asked: float) -> _Spec
     rest = robot.inverse_dynamics(q, dq, np.zeros_like(ddq))
     inertial = heard.inertial(robot.inverse_dynamics(q, dq, ddq) - rest, ddq)
     f, moved = _usual(inertial, run.dt)
-    _, measured = _welch(run["tau"], run.dt)
+    _, measured = density(run["tau"], run.dt)
     noise = _scatter(f, run) @ _squared_inertia(robot, q, heard).T
     inertia = np.maximum(moved - noise, 0.0)
     return _Spectra(
@@ -173,7 +167,7 @@ def _spectra(robot: Robot, run: Trajectory, heard: Heard, asked: float) -> _Spec
         inertia,
         np.minimum(inertia, _usual(run["tau"], run.dt)[1]),
         noise,
-        np.median(measured[_within(f, run.dt, _FARTHER)], axis=0),
+        level(f, measured, run.dt),
         run["tau"].var(axis=0),
         run.dt,
         len(run.time) * run.dt,
@@ -188,30 +182,14 @@ def _scatter(f: Array, run: Trajectory) -> Array:
     positions do, a controller made them of these.
     """
     omega = (2 * np.pi * f[:, None]) ** 2
-    _, power = _welch(run["q"], run.dt)
-    steps = _steps(run["q"]) ** 2 / 12 * 2 * run.dt
-    from_positions = omega**2 * np.maximum(np.median(power[_within(f, run.dt, _FARTHER)], axis=0), steps)
+    from_positions = omega**2 * position_noise(run["q"], run.dt)
     if "dq" not in run:
         return np.asarray(from_positions)
-    near = _within(f, run.dt, _NEARER)
-    positions, speeds = np.median(power[near], axis=0), np.median(_welch(run["dq"], run.dt)[1][near], axis=0)
+    near = within(f, run.dt, _NEARER)
+    positions, speeds = (np.median(density(run[s], run.dt)[1][near], axis=0) for s in ("q", "dq"))
     times = speeds * run.dt**2 / np.maximum(positions, 1e-300)
     differences = (times > 1.0 / _LIKE_DIFFERENCES) & (times < _LIKE_DIFFERENCES)
     return np.asarray(np.where(differences, from_positions, omega * speeds))
-
-
-def _steps(signal: Array) -> Array:
-    """(n,) smallest step between values of ``signal`` (N, n) where it stays on a value while it moves: a sensor's, and
-    not what a joint turns in a sample; else 0, and the spectrum tells what scatters."""
-    out = np.zeros(signal.shape[1])
-    same = np.diff(signal, axis=0) == 0.0
-    moving = uniform_filter1d((~same).astype(float), 2 * _MOVING + 1, axis=0) > 1e-9
-    repeats = np.sum(same & moving, axis=0) > _REPEATS * np.maximum(np.sum(moving, axis=0), 1)
-    for j in np.flatnonzero(repeats):
-        gaps = np.diff(np.unique(signal[:, j]))
-        # What differs by rounding is one value.
-        out[j] = np.min(gaps[gaps > 1e-6 * np.ptp(signal[:, j])], initial=np.inf)
-    return np.where(np.isfinite(out), out, 0.0)
 
 
 def _squared_inertia(robot: Robot, q: Array, heard: Heard) -> Array:
@@ -226,28 +204,12 @@ def _squared_inertia(robot: Robot, q: Array, heard: Heard) -> Array:
     return np.asarray(np.mean(np.square(columns), axis=1).T)
 
 
-def _length(rows: int, dt: float) -> int:
-    return min(round(_STRETCH / dt), rows // 2)
-
-
-def _welch(signal: Array, dt: float) -> tuple[Array, Array]:
-    """Frequencies (F,) [Hz] and the density (F, n) of ``signal`` (N, n): the median over stretches."""
-    f, power = welch(  # type: ignore[call-overload]  # the stubs know no detrend="linear"
-        signal, 1.0 / dt, nperseg=_length(len(signal), dt), detrend="linear", axis=0, average="median"
-    )
-    return np.asarray(f), np.asarray(power)
-
-
 def _usual(signal: Array, dt: float) -> tuple[Array, Array]:
     """The mean over all stretches but the loudest: a joint that seldom moves counts, and a knock does not."""
-    length = _length(len(signal), dt)
+    length = stretch_rows(len(signal), dt)
     f, _, power = spectrogram(  # type: ignore[call-overload]
         signal, 1.0 / dt, "hann", nperseg=length, noverlap=length // 2, detrend="linear", axis=0
     )
     count = power.shape[-1]
     loudest = power.max(axis=-1) if count > 2 else 0.0
     return np.asarray(f), np.asarray((power.sum(axis=-1) - loudest) / max(count - (count > 2), 1))
-
-
-def _within(f: Array, dt: float, band: tuple[float, float]) -> NDArray[np.bool_]:
-    return np.asarray((f >= band[0] / dt) & (f <= band[1] / dt))

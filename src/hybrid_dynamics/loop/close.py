@@ -140,7 +140,8 @@ def _close(
     progress(0.8, "asking the test runs")
     full = found.model(found.terms)
     # What the training runs teach leaves nothing open of how the test runs are read.
-    refuse_hard(told_by_model(full, plausible.test, plausible.train))
+    by_model = told_by_model(full, plausible.test, plausible.train)
+    refuse_hard(by_model)
     said = confirm(judge, base, full, found, logs.test, terms)
     runs = [*logs.train, *logs.test]
     left = [run.tau - predict_run(said.model, run) for run in runs]
@@ -162,6 +163,7 @@ def _close(
         *long,
         *long_too,
         *plausible.notes,
+        *(f.line for f in by_model),
         *told,
         *logs.notes,
         *searched.notes,
