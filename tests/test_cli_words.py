@@ -180,6 +180,13 @@ def test_of_several_links_it_is_counted_what_is_left_open():
     }
     said = [line for line in details(diagnosis() | {"effects": [entry]}) if line.startswith("left open")]
     assert said == ["left open by these motions: numbers of the links: 2 of 10 of shoulder, 1 of 10 of elbow"]
+    # With their values stand those of which the motions say something.
+    shoulder, elbow = parameter_lines(diagnosis() | {"effects": [entry]})[1:]
+    assert shoulder.startswith("  link of shoulder: centre of mass y 1 m,")
+    assert shoulder.endswith(", 2 left open")
+    assert "mass 1 kg" not in shoulder
+    assert elbow.endswith(", 1 left open")
+    assert elbow.startswith("  link of elbow: centre of mass x 1 m,")
 
 
 def test_what_is_zero_or_left_open_is_not_in_the_headline():
@@ -263,6 +270,22 @@ def test_of_a_name_that_much_could_stand_for_the_rest_is_told_by_name():
     # Control: three are told each with its reason.
     value["effects"] = [named | {"indistinguishable_from": others[:3]}]
     assert [line for line in details(value) if "told apart" in line] == told[:3]
+
+
+@pytest.mark.parametrize(("count", "lines", "rest"), [(7, 7, 0), (9, 7, 3)])
+def test_of_much_that_cannot_be_told_apart_the_first_lines_stand(count: int, lines: int, rest: int):
+    value = diagnosis()
+    effect = value.pop("effect")
+    other = {"effects": [{"effect": "drift", "joints": ["a"]}], "why": "as good", "motion_that_would_tell": "Turn."}
+    kinds = ["viscous_friction", "coulomb_friction", "armature", "torque_offset", "torque_gain", "joint_spring"]
+    kinds += ["stribeck_friction", "hysteresis_friction", "torque_ripple"]
+    value["effects"] = [
+        effect(kind, ["a"], ("x", 1.0, "N m")) | {"indistinguishable_from": [other]} for kind in kinds[:count]
+    ]
+    told = [line for line in details(value) if "told apart" in line]
+    assert len(told) == lines
+    more = f"cannot be told apart: {rest} more (report.html names them, and what would tell)"
+    assert (told[-1] == more) is (rest > 0)
 
 
 def test_a_cause_in_the_place_of_several_is_not_told_where_one_of_them_is_gone():

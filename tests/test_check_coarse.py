@@ -1,0 +1,91 @@
+"""Positions in coarse steps: accelerations that nobody moved with are no fault of the clock."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.small_arm import HIDDEN, arm, noisy_log
+
+from hybrid_dynamics.check import check_before_fit, samples
+from hybrid_dynamics.check.samples import CUTOFF, LOWEST, NOISE, Stretch, stretch
+from hybrid_dynamics.differentiate.scatter import position_noise, steps
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.simulation.excitation import excitation
+from hybrid_dynamics.trajectory import Trajectory
+
+ROBOT = arm()
+#: Ten bits over 300 degrees, as servos of small arms have them [rad].
+SERVO = np.deg2rad(300.0) / 1024
+
+
+def log(step: float, seed: int = 1, noise: float = 0.02) -> Trajectory:
+    """An easy motion, which has its last sine below .6 Hz."""
+    return _rounded(noisy_log(HIDDEN, seed, "train", noise), step)
+
+
+def _rounded(run: Trajectory, step: float) -> Trajectory:
+    q = np.round(run["q"] / step) * step if step else run["q"]
+    return replace(run, signals={"q": q, "tau": run["tau"]})
+
+
+def made(run: Trajectory) -> Stretch:
+    one = stretch(run)
+    assert one is not None
+    return one
+
+
+CLOCK = {"time_scale", "torque_weight", "torque_unit", "torque_delay"}
+
+
+@pytest.mark.parametrize("times", [1.0, 2.0, 4.0])
+def test_a_right_log_of_coarse_positions_is_not_refused_for_its_clock(times: float) -> None:
+    found = check_before_fit(ROBOT, [log(times * SERVO)])
+    assert {f.code for f in found}.isdisjoint(CLOCK)
+
+
+def test_with_the_filter_of_fine_positions_it_would_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(samples, "NOISE", np.inf)
+    with pytest.raises(InputError, match="time stamps run about"):
+        check_before_fit(ROBOT, [log(4 * SERVO)])
+
+
+def test_a_clock_that_is_off_is_told_all_the_same() -> None:
+    fast = _rounded(excitation(ROBOT, HIDDEN, seed=1, duration=20.0, rate=200.0), SERVO)
+    assert {f.code for f in check_before_fit(ROBOT, [fast])}.isdisjoint(CLOCK)
+    with pytest.raises(InputError, match="time stamps run about 2"):
+        check_before_fit(ROBOT, [replace(fast, time=0.5 * fast.time)])
+
+
+def test_the_filter_is_lowered_until_noise_is_a_small_part_of_what_accelerates_and_no_further() -> None:
+    fine, coarse = log(0.0), log(2 * SERVO)
+    assert made(fine).cutoff == CUTOFF
+    low = made(coarse)
+    assert LOWEST <= low.cutoff < CUTOFF
+    true = np.gradient(np.gradient(fine["q"], fine.dt, axis=0), fine.dt, axis=0)
+    rows = np.searchsorted(fine.time, fine.time[0] + low.time)
+    off = low.ddq - true[np.minimum(rows, len(true) - 1)]
+    # What the filter takes of the motion counts, too.
+    assert off.var() < 3 * NOISE * low.ddq.var()
+    # Unfiltered but for what all logs pass it is another matter.
+    noise = np.sum(position_noise(coarse["q"], coarse.dt)) * (2 * np.pi) ** 4 * CUTOFF**5 / 5
+    assert noise > 3 * NOISE * true.var(axis=0).sum()
+
+
+def test_a_run_too_short_for_a_lower_filter_keeps_the_one_it_can_bear() -> None:
+    run = log(4 * SERVO)
+    short = made(run.rows(slice(200, 330)))
+    assert short.cutoff > made(run).cutoff
+    assert len(short.q) > 0
+
+
+def test_steps_are_a_sensors_where_values_repeat_in_motion() -> None:
+    time = np.arange(0.0, 10.0, 0.005)
+    q = np.sin(time)[:, None]
+    assert steps(np.round(q / 0.01) * 0.01) == pytest.approx([0.01], rel=1e-6)
+    # What turns by more than a step a sample shows its steps at the turning points alone; fine positions show none.
+    assert steps(q).tolist() == [0.0]
+    # The noise of rounding is a twelfth of the square of a step, spread up to half the rate.
+    density = position_noise(np.round(q / 0.01) * 0.01, 0.005)
+    assert density == pytest.approx([0.01**2 / 12 * 2 * 0.005], rel=0.5)
