@@ -231,7 +231,11 @@ CASES: list[Case] = [
     ),
     # ------------------------------------------------------------------ columns of a log
     Case("no time column", CHECK, frame(lambda t: t.drop(columns="time"))),
-    Case("time called t", CHECK, frame(lambda t: t.rename(columns={"time": "t"}))),
+    Case(
+        "two columns that look like the time",
+        CHECK,
+        frame(lambda t: t.rename(columns={"time": "t"}).assign(stamp=t.time)),
+    ),
     Case("no position", CHECK, frame(lambda t: t.drop(columns=["q1", "q2"]))),
     Case("one position missing", CHECK, frame(lambda t: t.drop(columns="q2"))),
     Case("no torque", CHECK, frame(lambda t: t.drop(columns=["tau1", "tau2"]))),

@@ -83,6 +83,16 @@ def test_column_order_and_further_columns_do_not_matter(tmp_path: Path) -> None:
     np.testing.assert_allclose(run["q"], motion(UNIFORM)[0], atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["t", "Time", "timestamp", "time_s"])
+def test_the_time_may_be_called_as_others_call_it(tmp_path: Path, name: str) -> None:
+    text = csv_text(UNIFORM).replace("time", name, 1)
+    np.testing.assert_allclose(read_log(write(tmp_path, text), JOINTS).time, UNIFORM)
+    # Of two nobody can tell which: the cure names one.
+    both = "\n".join(f"{line},{'stamp' if i == 0 else i}" for i, line in enumerate(text.splitlines()))
+    with pytest.raises(InputError, match=rf"column 'time' is missing.*--columns time={name}\)"):
+        read_log(write(tmp_path, both), JOINTS)
+
+
 def test_a_log_is_written_as_what_its_name_says(tmp_path: Path) -> None:
     q, dq, tau = motion(UNIFORM)
     run = Trajectory("run", "train", UNIFORM, {"q": q, "dq": dq, "tau": tau})
@@ -162,7 +172,7 @@ BAD: dict[str, tuple[Callable[[str], str], list[str]]] = {
     "missing torque": (change(1, 7, "effort2"), ["column 'tau2' is missing", "robot has 2 joints"]),
     "missing column": (change(1, 6, "effort1"), ["column 'tau1' is missing", "tau1 to tau2"]),
     "missing velocity": (change(1, 4, "v1"), ["column 'dq1' is missing", "dq1 to dq2"]),
-    "missing time": (change(1, 1, "t"), ["column 'time' is missing"]),
+    "missing time": (change(1, 1, "zeit"), ["column 'time' is missing"]),
     "double column": (change(1, 3, "q1"), ["column 'q1' stands twice"]),
     "no header": (drop_line(1), ["column 'time' is missing"]),
     "decimal commas": (

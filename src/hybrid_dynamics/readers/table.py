@@ -67,6 +67,13 @@ def read_raw_table(
     return Trajectory(name, split, time, arrays)
 
 
+def _with_time(names: Sequence[str]) -> list[str]:
+    """``names`` of columns with the only one that others call the time (:data:`TIMES`, in either case) as ``time``."""
+    stamps = [name for name in names if name.lower() in TIMES]
+    rename = len(stamps) == 1
+    return ["time" if rename and name == stamps[0] else name for name in names]
+
+
 def write_log(path: str | os.PathLike[str], trajectory: Trajectory, joint_names: Sequence[str]) -> None:
     """Write ``trajectory`` (its stamps as they are) as a Parquet log that :func:`read_raw_table` reads.
 
@@ -129,7 +136,8 @@ def _load(file: Path) -> tuple[pa.Table, int]:
     if not file.is_file():
         raise InputError(f"{file}: no such file; give the path of a CSV or Parquet log")
     if suffix in (*PARQUET, *ARRAYS):
-        return read_columns(file), 1
+        table = read_columns(file)
+        return table.rename_columns(_with_time(table.column_names)), 1
     if suffix not in TEXT:
         raise InputError(
             f"{file}: unknown suffix {suffix!r}; expected .csv, .parquet, .npz or .mat (a bag: hybrid-dynamics import)"
@@ -149,7 +157,7 @@ def _load_csv(file: Path) -> pa.Table:
     mark = next((m for m in (",", ";", "\t") if m in header), None)
     if mark is None:
         raise InputError(f"{file}: row 1: no comma in {header[:40]!r}; expected a comma-separated header {LAYOUT}")
-    names = [field.strip().strip('"') for field in header.split(mark)]
+    names = _with_time([field.strip().strip('"') for field in header.split(mark)])
     if "time" not in names:
         raise InputError(
             f"{file}: row 1: column 'time' is missing in {header[:40]!r}; expected {LAYOUT} ({_other_time(names)})"
