@@ -9,7 +9,7 @@ import numpy as np
 
 from hybrid_dynamics.check.columns import of_each, standing
 from hybrid_dynamics.check.completed import Completed, body_of
-from hybrid_dynamics.check.content import check_rate
+from hybrid_dynamics.check.content import check_clipped, check_rate
 from hybrid_dynamics.check.duplicates import check_duplicates
 from hybrid_dynamics.check.findings import Finding, Severity, ordered, refuse_hard
 from hybrid_dynamics.check.guess import SAME_MOUNTING, angle
@@ -61,6 +61,7 @@ def checked(
     findings: list[Finding] = []
     mended: list[Trajectory] = []
     for run in [*train, *test]:
+        findings += check_clipped(run, body.joint_names)
         clean, found = repair(run)
         most = max((len(g.rows) for g in found), default=0) / max(len(run.time), 1)
         severity: Severity = "warning" if most > MANY else "note"

@@ -59,12 +59,12 @@ def check_content(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
             f"t = {instant(run.time[longest])} s: short ones are interpolated, the run is split at long ones"
         )
         out.append(Finding("gaps", "warning" if lost > 0.05 * len(run.time) else "note", text, run=run.name))
-    return [*out, *_converters(run, joint_names)]
+    return [*out, *_converters(run, joint_names), *check_clipped(run, joint_names)]
 
 
 def _converters(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
-    """Joints at rest, coarse converters, samples that only repeat the last one, clipped torque: one finding a kind."""
-    still, coarse, held, clipped = [], [], [], []
+    """Joints at rest, coarse converters, samples that only repeat the last one: one finding a kind."""
+    still, coarse, held = [], [], []
     for j, joint in enumerate(joint_names):
         if np.ptp(run["q"][:, j]) < MOVING:
             still.append(joint)
@@ -73,8 +73,6 @@ def _converters(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
             kind, clause = _steps(run, signal, j)
             coarse += [clause] if kind == "coarse" else []
             held += [clause] if kind == "held" else []
-        if "tau" in run and (clause := _clipped(run["tau"][:, j])):
-            clipped.append(f"tau{j + 1} {clause}")
     told = (
         ("still", "note", still, "stand still; nothing can be found out about their own friction"),
         ("coarse", "note", coarse, "come from a coarse converter"),
@@ -84,14 +82,26 @@ def _converters(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
             held,
             "repeat their last value, also in motion: the log is faster than what it records; log at the source's rate",
         ),
-        (
-            "saturation",
-            "warning",
-            clipped,
-            "are clipped there; leave those stretches out or record with less torque",
-        ),
     )
     return [Finding(c, s, f"{', '.join(found)} {what}", run=run.name) for c, s, found, what in told if found]  # type: ignore[arg-type]
+
+
+def check_clipped(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
+    """A warning where the torque of a joint that moves piles up at its largest or smallest value."""
+    if "tau" not in run:
+        return []
+    moves = [j for j in range(len(joint_names)) if np.ptp(run["q"][:, j]) >= MOVING]
+    # At rest a torque may well be the same for long, and its largest.
+    turning = np.gradient(run["q"], axis=0) != 0.0
+    told = [(j, _clipped(run["tau"][turning[:, j], j])) for j in moves]
+    clauses = [f"tau{j + 1} {clause}" for j, clause in told if clause]
+    if not clauses:
+        return []
+    text = (
+        f"{', '.join(clauses)}: clipped; where that is the end of what is measured, and not of what the drive "
+        "delivers, leave those stretches out or record with less torque"
+    )
+    return [Finding("saturation", "warning", text, run=run.name)]
 
 
 def _clipped(tau: Array) -> str:
@@ -100,6 +110,8 @@ def _clipped(tau: Array) -> str:
     A coarse converter's last level holds more than its next, as a wave stays longest where it turns, but not more than
     the next few together.
     """
+    if not len(tau):
+        return ""
     span = float(np.ptp(tau))
     apart = np.diff(np.unique(tau))
     apart = apart[apart > 1e-6 * span]
