@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from tests.small_arm import HIDDEN, arm, noisy_log
 
-from hybrid_dynamics.check import check_before_fit, samples
-from hybrid_dynamics.check.samples import CUTOFF, LOWEST, NOISE, Stretch, stretch
+from hybrid_dynamics.check import check_before_fit, checked, samples
+from hybrid_dynamics.check.samples import CUTOFF, LEAST_KEPT, LOWEST, NOISE, Stretch, stretches
 from hybrid_dynamics.differentiate.scatter import position_noise, steps
+from hybrid_dynamics.effects import predict
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.simulation.excitation import excitation
 from hybrid_dynamics.trajectory import Trajectory
@@ -31,8 +32,7 @@ def _rounded(run: Trajectory, step: float) -> Trajectory:
 
 
 def made(run: Trajectory) -> Stretch:
-    one = stretch(run)
-    assert one is not None
+    (one,) = stretches([run])
     return one
 
 
@@ -73,19 +73,53 @@ def test_the_filter_is_lowered_until_noise_is_a_small_part_of_what_accelerates_a
     assert noise > 3 * NOISE * true.var(axis=0).sum()
 
 
-def test_a_run_too_short_for_a_lower_filter_keeps_the_one_it_can_bear() -> None:
+def test_a_filter_is_lowered_no_further_than_checks_have_rows_left() -> None:
     run = log(4 * SERVO)
-    short = made(run.rows(slice(200, 330)))
-    assert short.cutoff > made(run).cutoff
-    assert len(short.q) > 0
+    short = run.rows(slice(200, 800))
+    assert made(run).cutoff < made(short).cutoff
+    # Three seconds leave enough to see that all torques are turned round, as on fine positions.
+    with pytest.raises(InputError, match="wrong sign"):
+        check_before_fit(ROBOT, [replace(run, signals={"q": run["q"], "tau": -run["tau"]})])
+    assert len(made(short).q) >= min(LEAST_KEPT, len(made(log(0.0).rows(slice(200, 800))).q))
+
+
+def test_all_runs_pass_one_filter_or_their_delay_would_be_that_of_the_longest_step() -> None:
+    """A slow run beside a quick one: rows are shifted by, and rows of both are as long."""
+    quick = _rounded(excitation(ROBOT, HIDDEN, seed=1, duration=20.0, rate=200.0), 2 * SERVO)
+    slow = replace(log(2 * SERVO), name="slow")
+    assert made(slow).dt > made(quick).dt
+    assert len({(part.dt, part.cutoff) for part in stretches([quick, slow])}) == 1
+
+
+@pytest.mark.parametrize(("rate", "held"), [(1000.0, 1), (1000.0, 20), (200.0, 4)])
+def test_positions_that_are_held_or_take_many_samples_to_a_step_are_as_coarse(rate: float, held: int) -> None:
+    run = excitation(ROBOT, HIDDEN, seed=1, duration=20.0, rate=rate)
+    slow = replace(run, time=3.0 * run.time)
+    q = np.round(slow["q"] / (4 * SERVO)) * 4 * SERVO
+    dq = np.gradient(slow["q"], slow.dt, axis=0)
+    tau = predict(ROBOT, list(HIDDEN), slow["q"], dq, np.gradient(dq, slow.dt, axis=0), slow.time)
+    rows = np.arange(len(q)) // held * held
+    found = check_before_fit(ROBOT, [replace(slow, signals={"q": q[rows], "tau": tau})])
+    assert {f.code for f in found}.isdisjoint(CLOCK)
+
+
+def test_a_log_that_is_far_too_slow_is_told_so_and_nothing_breaks() -> None:
+    run = log(SERVO)
+    for times in (300.0, 1000.0):
+        found = checked(ROBOT, [replace(run, time=times * run.time)], [], refuse=False).findings
+        assert "too_slow" in {f.code for f in found}
 
 
 def test_steps_are_a_sensors_where_values_repeat_in_motion() -> None:
     time = np.arange(0.0, 10.0, 0.005)
     q = np.sin(time)[:, None]
-    assert steps(np.round(q / 0.01) * 0.01) == pytest.approx([0.01], rel=1e-6)
+    step, interval = steps(np.round(q / 0.01) * 0.01)
+    assert step == pytest.approx([0.01], rel=1e-6)
+    assert 2.0 < interval[0] < 11.0
     # What turns by more than a step a sample shows its steps at the turning points alone; fine positions show none.
-    assert steps(q).tolist() == [0.0]
+    assert [x.tolist() for x in steps(q)] == [[0.0], [1.0]]
+    held = position_noise(np.round(q / 0.01) * 0.01, 0.005, held=True)
+    assert held == pytest.approx(interval * 0.01**2 / 12 * 2 * 0.005, rel=0.5)
     # The noise of rounding is a twelfth of the square of a step, spread up to half the rate.
     density = position_noise(np.round(q / 0.01) * 0.01, 0.005)
     assert density == pytest.approx([0.01**2 / 12 * 2 * 0.005], rel=0.5)

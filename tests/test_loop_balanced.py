@@ -106,6 +106,28 @@ def test_a_spring_and_an_offset_that_undo_each_other_are_told() -> None:
         assert undone(judge, [one]) == []
 
 
+@pytest.mark.parametrize(("middle", "rest", "shape"), [(2.0, 2.0, "linear"), (2.5, 2.3, "linear"), (2.0, 2.0, "sine")])
+def test_a_spring_far_from_the_zero_of_its_joint_is_no_more_than_there_is(
+    middle: float, rest: float, shape: str
+) -> None:
+    """Its stiffness and where it rests are two numbers of one torque, wherever the URDF has the zero."""
+    spring = Effect("joint_spring", (ELBOW,), {"stiffness": 40.0, "rest_position": rest}, {"shape": shape})
+    logs = []
+    for seed in (1, 2):
+        log = noisy_log([], seed, "train", 0.0)
+        q = np.column_stack([log["q"][:, 0], middle + 0.4 * np.sin(0.9 * log.time + seed)])
+        dq = np.gradient(q, log.time, axis=0)
+        tau = predict(ROBOT, [spring], q, dq, np.gradient(dq, log.time, axis=0), log.time)
+        tau += 0.02 * np.random.default_rng(seed).normal(size=tau.shape)
+        logs.append(Trajectory(log.name, "train", log.time, {"q": q, "dq": dq, "tau": tau}))
+    judge, _ = judged_of(logs, term := spring.term(ROBOT))
+    # The trap is there: of its coordinates one alone is far more than there is.
+    x = judge.evidence.fit([term])
+    parts = [judge.evidence.square_at(term, part) for part in np.diag(x)]
+    assert shape == "sine" or max(parts) > (MOST_TORQUE * torque_moving(judge.evidence)[1]) ** 2
+    assert undone(judge, [term]) == []
+
+
 def strokes(force: float, seed: int) -> Trajectory:
     """The elbow rests but for a second to and fro in ten; at rest it shows nothing of its friction."""
     log = noisy_log([], seed, "train", 0.0)

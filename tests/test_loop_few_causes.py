@@ -111,6 +111,9 @@ def test_friction_that_would_be_next_to_nothing_one_way_is_plain_beside_an_offse
     judge, _ = _judged(_friction(1.5, 0.05), seed=seed)
     assert one_for_two(judge, [DRY, OFFSET])[1] == [DRY, OFFSET]
     assert impossible(judge.at([UNEVEN]), [UNEVEN]) == [UNEVEN]
+    # A tenth is where it ends.
+    none = [UNEVEN.family().is_none(np.array([1.0, share]), UNEVEN, 0.5 * (1.0 + share)) for share in (0.09, 0.11)]
+    assert none == [True, False]
     # On top of what the starting model has the same is no more than rougher one way.
     settings = LoopSettings()
     start = Model(ROBOT, (Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 1.0}),))

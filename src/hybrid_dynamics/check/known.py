@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hybrid_dynamics.check.columns import columns_of, standing
 from hybrid_dynamics.check.completed import Completed, body_of, true_stretches
 from hybrid_dynamics.check.cures import exchanged, reordered, turned
-from hybrid_dynamics.check.findings import Finding
+from hybrid_dynamics.check.findings import Finding, Severity
 from hybrid_dynamics.check.forms import FLOOR
 from hybrid_dynamics.check.guess import few_rows
 from hybrid_dynamics.check.samples import Stretch
@@ -118,17 +118,18 @@ def check_known(
     better = told - best > MISSED
     if not better.any() or np.any(best[better] > HIT) or np.any(best > told + WORSE):
         return []
-    found = _finding(reading, names, float(told[better].max()), float(best[better].max()))
-    if reading.moved.get("mirror") is None or known[list(reading.joints)].all():
-        return [found]
-    return [replace(found, severity="warning", text=f"it looks like {found.text}; {ELSEWHERE}", suggestion={})]
+    doubtful = "mirror" in reading.moved and not known[list(reading.joints)].all()
+    return [_finding(reading, names, float(told[better].max()), float(best[better].max()), doubtful)]
 
 
 def told_by_model(model: Completed, runs: Sequence[Trajectory], taught: Sequence[Trajectory]) -> list[Finding]:
     """:func:`check_known` of each of ``runs`` that ``model``, learnt from those that ``taught`` it, was not."""
     found = ((run, f) for run in runs for f in check_known(model, [run], gains=True, taught=taught))
-    by = "by the model that the training runs teach; one of the two is read wrongly"
-    return [replace(f, run=run.name, text=f"{f.text} ({by})") for run, f in found]
+    by = {"hard": "; one of the two is read wrongly"}
+    return [
+        replace(f, run=run.name, text=f"{f.text} (by the model that the training runs teach{by.get(f.severity, '')})")
+        for run, f in found
+    ]
 
 
 def _been_there(parts: Sequence[Stretch], taught: Sequence[Stretch], n: int) -> NDArray[np.bool_]:
@@ -166,7 +167,7 @@ def _units(model: Robot | Completed, parts: Sequence[Stretch], gains: bool) -> I
         yield _Reading(n, signals=("tau",), factor=float(np.median(factors)))
 
 
-def _finding(reading: _Reading, names: Sequence[str], before: float, after: float) -> Finding:
+def _finding(reading: _Reading, names: Sequence[str], before: float, after: float, doubtful: bool = False) -> Finding:
     joints = [names[j] for j in reading.joints]
     what = {
         ("tau",): "the measured torque",
@@ -188,9 +189,12 @@ def _finding(reading: _Reading, names: Sequence[str], before: float, after: floa
         f"{what} {whose}turned round ({shares}); expected the signs of the URDF's axes, and the torque the drive "
         f"delivers: flip the sign of {' and '.join(s for s in reading.signals if s != 'dq')}"
     )
+    if doubtful:
+        text = f"it looks like {what} turned round ({shares}); {ELSEWHERE}"
     code = "position_sign" if "q" in reading.signals else "torque_sign"
-    cure = turned(len(names), reading.joints, reading.signals)
-    return Finding(code, "hard", text, joint=joints[0] if len(joints) == 1 else "", suggestion=cure)
+    cure = {} if doubtful else turned(len(names), reading.joints, reading.signals)
+    severity: Severity = "warning" if doubtful else "hard"
+    return Finding(code, severity, text, joint=joints[0] if len(joints) == 1 else "", suggestion=cure)
 
 
 def _unit(reading: _Reading, shares: str) -> Finding:

@@ -42,26 +42,40 @@ def within(f: Array, dt: float, band: tuple[float, float]) -> NDArray[np.bool_]:
 
 
 def level(f: Array, power: Array, dt: float) -> Array:
-    """(n,) level of a density ``power`` (F, n) at ``f`` (F,) [Hz] where next to nothing moves."""
-    return np.asarray(np.median(power[within(f, dt, ALONE)], axis=0))
+    """(n,) level of a density ``power`` (F, n) at ``f`` (F,) [Hz] where next to nothing moves; 0 where a log is so slow
+    that it shows none of that."""
+    alone = within(f, dt, ALONE)
+    return np.asarray(np.median(power[alone], axis=0)) if alone.any() else np.zeros(power.shape[1])
 
 
-def position_noise(q: Array, dt: float) -> Array:
-    """(n,) one-sided density [rad^2/Hz] of the noise of positions ``q`` (N, n), which is white: its level beyond all
-    motion, or what their steps round away, whichever is more."""
-    f, power = density(q, dt)
-    return np.maximum(level(f, power, dt), steps(q) ** 2 / 12 * 2 * dt)
+def position_noise(q: Array, dt: float, held: bool = False) -> Array:
+    """(n,) one-sided density [rad^2/Hz] of the noise of positions ``q`` (N, n): its level beyond all motion, or what
+    their steps round away, whichever is more.
+
+    What is rounded away is white up to half the sampling rate; with ``held`` up to half the rate of changes, below
+    which all of it lies where a position is held, or takes several samples to its next step.
+    """
+    rounded = np.zeros(q.shape[1])
+    for j, (step, interval) in enumerate(zip(*steps(q), strict=True)):
+        rounded[j] = step**2 / 12 * 2 * dt * (interval if held else 1.0)
+    if stretch_rows(len(q), dt) < 2:
+        return rounded
+    return np.maximum(level(*density(q, dt), dt), rounded)
 
 
-def steps(signal: Array) -> Array:
-    """(n,) smallest step between values of ``signal`` (N, n) where it stays on a value while it moves: a sensor's, and
-    not what a joint turns in a sample; else 0, and the spectrum tells what scatters."""
-    out = np.zeros(signal.shape[1])
+def steps(signal: Array) -> tuple[Array, Array]:
+    """Of a ``signal`` (N, n) that stays on a value while it moves, (n,) the smallest step between values, and (n,) the
+    samples from one value to the next: a sensor's. Of any other 0 and 1: the spectrum tells what scatters, and the
+    least difference of two values is what a joint turns in a sample."""
+    out, interval = np.zeros(signal.shape[1]), np.ones(signal.shape[1])
     same = np.diff(signal, axis=0) == 0.0
     moving = uniform_filter1d((~same).astype(float), 2 * _MOVING + 1, axis=0) > 1e-9
-    repeats = np.sum(same & moving, axis=0) > _REPEATS * np.maximum(np.sum(moving, axis=0), 1)
-    for j in np.flatnonzero(repeats):
+    count = np.maximum(np.sum(moving, axis=0), 1)
+    repeats = np.sum(same & moving, axis=0)
+    for j in np.flatnonzero(repeats > _REPEATS * count):
         gaps = np.diff(np.unique(signal[:, j]))
         # What differs by rounding is one value.
-        out[j] = np.min(gaps[gaps > 1e-6 * np.ptp(signal[:, j])], initial=np.inf)
-    return np.where(np.isfinite(out), out, 0.0)
+        gaps = gaps[gaps > 1e-6 * np.ptp(signal[:, j])]
+        if gaps.size:
+            out[j], interval[j] = gaps.min(), count[j] / max(count[j] - repeats[j], 1)
+    return out, interval

@@ -1,5 +1,5 @@
 """Effects that only something that is none could balance: a huge offset, and a link as heavy as the robot to undo it;
-friction that falls with the speed, and ten times as much that rises with it.
+friction that falls with the speed, and ten times as much that rises with it; an offset, and a wave that is as large.
 
 Over a short range of positions a constant torque and a weight that is not there make a bow between them, and follow
 with it a law that has no name here; over a short range of speeds powers of the speed do. Each is many times what can
@@ -22,8 +22,8 @@ from hybrid_dynamics.types import Array
 BEYOND = 6.0
 #: An effect has made it so where the body is off by less than this share of it without the effect.
 UNDONE = 0.5
-#: A coefficient of friction makes at most so many times all torque that there is on its joint where it moves, the
-#: recorded one and the starting model's together: of more, others must have undone as much as that.
+#: A coefficient of friction, or any other torque on one joint, makes at most so many times all torque that there is on
+#: it where it moves, the recorded one and the starting model's together: of more, others must have undone as much.
 MOST_TORQUE = 2.0
 
 
@@ -46,9 +46,10 @@ def balanced(judge: Judge, current: Sequence[Term], among: Sequence[Term] | None
 
 
 def undone(judge: Judge, current: Sequence[Term]) -> list[Term]:
-    """Friction of ``current`` of which one coefficient makes more torque than there is (:data:`MOST_TORQUE`), so that
-    others must undo it: the largest goes first, and the rest is asked again without it. Not where another law follows
-    the time: friction of a cold start may be far more than most of a run shows, and that law what it falls by."""
+    """Torques on one joint of ``current`` that make more than there is (:data:`MOST_TORQUE`), so that others must undo
+    them, of viscous friction each power of the speed: the largest goes first, and the rest is asked again without it.
+    Not where another law follows the time: friction of a cold start may be far more than most of a run shows, and that
+    law what it falls by."""
     evidence, rest = judge.evidence, list(current)
     most = MOST_TORQUE * torque_moving(evidence)
     drifting = {t.joint for t in current if t.family().follows_time}
@@ -56,7 +57,7 @@ def undone(judge: Judge, current: Sequence[Term]) -> list[Term]:
     while True:
         x, layout = evidence.fit(rest), evidence.layout(rest)
         excess = {
-            term: max(evidence.square_at(term, part) for part in np.diag(x[start : start + term.size]))
+            term: max(evidence.square_at(term, part) for part in _parts(term, x[start : start + term.size]))
             - most[term.index] ** 2
             for term, start in zip(layout.terms, layout.starts, strict=True)
             if term.joint is not None and _is_torque(term) and term.joint not in drifting
@@ -66,6 +67,13 @@ def undone(judge: Judge, current: Sequence[Term]) -> list[Term]:
             return out
         out.append(worst)
         rest.remove(worst)
+
+
+def _parts(term: Term, x: Array) -> Sequence[Array]:
+    """Coordinates (p,) of what is asked of ``term`` at ``x`` (p,): of friction each of them alone, any other law as a
+    whole. A spring's stiffness and where it rests are two numbers of one torque.
+    """
+    return list(np.diag(x)) if term.family().is_friction else [x]
 
 
 def _is_torque(term: Term) -> bool:

@@ -31,9 +31,9 @@ from hybrid_dynamics.types import Array
 #: A joint ends worse than it began where its mean square grows by more than this share, and than so many of its
 #: standard errors: of its names the training runs were sure, and a second or two of a test is not.
 WORSE, WORSE_IN_ERRORS = 0.05, 1.0
-#: It is by so much of that, or of its floor, whatever its error: of a few slow seconds nothing is sure, and nobody
-#: wants a model that leaves half as much again there.
-MUCH_WORSE = 0.5
+#: It is by so much of that, or of its floor, beyond less of its error: of a few slow seconds nothing is sure, and
+#: nobody wants a model that leaves half as much again there.
+MUCH_WORSE, MUCH_IN_ERRORS = 0.5, 0.5
 
 
 @dataclass(frozen=True)
@@ -272,13 +272,15 @@ def _harm_to_its_joint(
 
 
 def ends_worse(judge: Judge, base: Model, model: Model, tests: Sequence[Run]) -> NDArray[np.bool_]:
-    """(n,) joints of which ``model`` leaves more of ``tests`` than ``base``: by :data:`WORSE` and beyond its error, or
-    by :data:`MUCH_WORSE` (mean square)."""
+    """(n,) joints of which ``model`` leaves more of ``tests`` (mean square) than ``base``: by :data:`WORSE` and beyond
+    its error, or by :data:`MUCH_WORSE` and beyond half of that, of joints that move in :data:`~.floor.FEWEST_ROWS`."""
     new, old = (moving_errors(m, tests) for m in (model, base))
     alone = [change_of(judge, new, old, tests, own, 1) for own in np.eye(judge.evidence.n)]
-    surely = np.array([c.relative > max(WORSE, WORSE_IN_ERRORS * c.error) for c in alone])
-    least = np.maximum(_squares(old), judge.floor**2 * np.sum([run.mask.sum(axis=0) for run in tests], axis=0))
-    return np.asarray(surely | (_squares(new) - _squares(old) > MUCH_WORSE * least))
+    change, error = (np.array([getattr(c, key) for c in alone]) for key in ("relative", "error"))
+    rows = np.sum([run.mask.sum(axis=0) for run in tests], axis=0)
+    least = np.maximum(_squares(old), judge.floor**2 * rows)
+    much = (_squares(new) - _squares(old) > MUCH_WORSE * least) & (change > MUCH_IN_ERRORS * error)
+    return np.asarray((change > np.maximum(WORSE, WORSE_IN_ERRORS * error)) | (much & (rows >= FEWEST_ROWS)))
 
 
 def _worse_joints(
