@@ -7,10 +7,12 @@ import pytest
 from tests.small_arm import HIDDEN, arm
 
 from hybrid_dynamics.check import checked_log, told_by_model
+from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.known import check_known
 from hybrid_dynamics.effects import Effect
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop import LoopSettings, close_loop
+from hybrid_dynamics.loop import close as close_module
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.excitation import excitation, excitations
@@ -174,6 +176,17 @@ def test_a_test_run_that_the_training_runs_model_hits_read_otherwise_only_is_ref
         InputError, match=r"run test_1: measured torques are (0.2|0.199) times .* one of the two is read wrongly"
     ):
         close_loop(arm(), train, [test.with_signals(tau=0.2 * test["tau"])], settings)
+
+
+def test_what_only_looks_turned_round_is_a_note(monkeypatch):
+    train, (test,) = excitations(arm(), HIDDEN, train=1, test=1, duration=8.0, rate=200.0)
+    settings = LoopSettings(effects=("viscous_friction", "coulomb_friction"))
+    doubt = Finding("position_sign", "warning", "it looks like the position turned round", run="test_1")
+    monkeypatch.setattr(close_module, "told_by_model", lambda *given: [doubt])
+    assert doubt.line in close_loop(arm(), train, [test], settings).diagnosis.notes
+    monkeypatch.setattr(close_module, "told_by_model", lambda *given: [replace(doubt, severity="hard")])
+    with pytest.raises(InputError, match="turned round"):
+        close_loop(arm(), train, [test], settings)
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-10])
