@@ -202,7 +202,7 @@ def test_a_joint_ends_worse_only_where_the_test_can_tell(monkeypatch: pytest.Mon
         left, moved = np.tile(np.repeat([1.0, 1.0, -1.0], rows), times)[:, None] * np.ones(2), np.array([0.0, off])
         model = Model(ROBOT).adding([Effect("torque_offset", (ELBOW,), {"offset": off})])
         monkeypatch.setattr(confirm_module, "moving_errors", lambda m, _: [left + bool(m.effects) * moved])
-        test: Any = SimpleNamespace(time=np.arange(len(left)) / rate)
+        test: Any = SimpleNamespace(time=np.arange(len(left)) / rate, mask=np.ones(left.shape, bool))
         return [bool(w) for w in confirm_module.ends_worse(judge, Model(ROBOT), model, [test])]
 
     # Worse by 29 +- 42 %; the same of a long test is 29 +- 11 %; and what is far off shows in little.
