@@ -10,6 +10,7 @@ from tests.small_arm import HIDDEN, arm, noisy_log
 
 from hybrid_dynamics.check import check_before_fit, checked, samples
 from hybrid_dynamics.check.samples import CUTOFF, LEAST_KEPT, LOWEST, NOISE, Stretch, stretches
+from hybrid_dynamics.differentiate.butterworth import lowpass
 from hybrid_dynamics.differentiate.scatter import position_noise, steps
 from hybrid_dynamics.effects import predict
 from hybrid_dynamics.errors import InputError
@@ -123,3 +124,20 @@ def test_steps_are_a_sensors_where_values_repeat_in_motion() -> None:
     # The noise of rounding is a twelfth of the square of a step, spread up to half the rate.
     density = position_noise(np.round(q / 0.01) * 0.01, 0.005)
     assert density == pytest.approx([0.01**2 / 12 * 2 * 0.005], rel=0.5)
+
+
+def test_of_hours_no_more_is_filtered_than_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = log(SERVO)
+    filtered: list[int] = []
+
+    def counted(x: np.ndarray, dt: float, cutoff: float) -> np.ndarray:
+        filtered.append(len(x))
+        return lowpass(x, dt, cutoff)
+
+    monkeypatch.setattr(samples, "MOST_ROWS", 200)
+    monkeypatch.setattr(samples, "lowpass", counted)
+    one, *more = stretches([run, replace(run, name="again")])
+    assert not more
+    assert len(one.q) <= 200
+    # Of positions as fine as may be every fourth of 200 samples a second is kept.
+    assert max(filtered) <= 200 * 4 * CUTOFF / one.cutoff + 1

@@ -83,7 +83,7 @@ def stretch(run: Trajectory, most: float = CUTOFF) -> Stretch | None:
 def _bearable(runs: Sequence[Trajectory]) -> float:
     """The cut-off [Hz] up to which accelerations of ``runs`` are motion (:data:`NOISE`), or the lowest that they can
     bear: none becomes too short for it, and together they keep enough rows."""
-    heard = [run for run in runs if _long_enough(run, _usual(run))]
+    heard = _heard(runs)
     cutoff = max(map(_usual, heard), default=CUTOFF)
     noise = [position_noise(run["q"], run.dt, held=True) for run in heard]
     slow = [_derivatives(run, min(SLOW, _usual(run)))[2].var(axis=0) for run in heard]
@@ -107,6 +107,19 @@ def _bearable(runs: Sequence[Trajectory]) -> float:
     while cutoff * STEP >= LOWEST and bears(cutoff * STEP) and share(cutoff) > NOISE:
         cutoff *= STEP
     return cutoff
+
+
+def _heard(runs: Sequence[Trajectory]) -> list[Trajectory]:
+    """What of ``runs`` would be looked at were their positions fine."""
+    out: list[Trajectory] = []
+    left = MOST_ROWS
+    for run in runs:
+        every = _every(_usual(run), run.dt)
+        part = run.rows(slice(0, left * every + 1)) if len(run.time) > left * every + 1 else run
+        if left > 0 and _long_enough(part, _usual(part)):
+            out.append(part)
+            left -= len(part.time) // every
+    return out
 
 
 def _usual(run: Trajectory) -> float:
