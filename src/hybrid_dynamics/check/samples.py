@@ -20,8 +20,8 @@ CUTOFF, CUTOFF_SHARE, KEPT = 10.0, 0.1, 5.0
 NOISE, STEP, LOWEST, LEAST_KEPT, SLOW = 0.05, 2.0**-0.5, 1.25, 120, 2.5
 #: A joint moves that ranges over more than this [rad, m].
 MOVES = 0.05
-#: Left out at both ends, in periods of the cut-off: the filter's transients.
-TRIM = 2.0
+#: Left out at both ends, in periods of the cut-off: the filter's transients; samples that there must be between them.
+TRIM, LEAST_INSIDE = 2.0, 20
 #: Rows in all that are looked at; longer logs are thinned out by leaving out whole runs, then by cutting runs.
 MOST_ROWS = 12_000
 #: Width [rad/s] over which the sign of the speed turns over: neither noise nor stiction decide.
@@ -54,90 +54,85 @@ def stretches(runs: Sequence[Trajectory]) -> list[Stretch]:
     all runs alike: noise that nobody moved with looks like inertia that the torque lacks, and so like a clock that runs
     too fast.
     """
-    cutoff = _bearable(runs)
-    out: list[Stretch] = []
-    left = MOST_ROWS
-    for run in runs:
-        if left <= 0:
-            break
-        rows = left * _every(min(cutoff, _usual(run)), run.dt) + 1
-        made = stretch(run.rows(slice(0, rows)) if len(run.time) > rows else run, cutoff)
-        if made is not None:
-            out.append(made)
-            left -= len(made.q)
-    return out
+    cutoff = _bearable(_looked_at(runs))
+    made = (stretch(run, cutoff) for run in _looked_at(runs, cutoff))
+    return [part for part in made if part is not None]
 
 
 def stretch(run: Trajectory, most: float = CUTOFF) -> Stretch | None:
     """``run`` filtered at ``most`` [Hz], or what its rate allows, and thinned; None where it is too short for that."""
-    dt, cutoff = run.dt, min(most, _usual(run))
-    if not _long_enough(run, cutoff):
+    dt, cutoff = run.dt, usual_cutoff(run, most)
+    if not long_enough(run, cutoff):
         return None
     q, dq, ddq = _derivatives(run, cutoff)
-    tau = lowpass(run["tau"], dt, cutoff)
-    keep = _every(cutoff, dt)
-    rows = slice(_trim(cutoff, dt), len(q) - _trim(cutoff, dt), keep)
-    return Stretch(run.name, dt * keep, cutoff, q[rows], dq[rows], ddq[rows], tau[rows])
+    tau, rows = lowpass(run["tau"], dt, cutoff), kept(run, cutoff)
+    return Stretch(run.name, dt * rows.step, cutoff, q[rows], dq[rows], ddq[rows], tau[rows])
+
+
+def usual_cutoff(run: Trajectory, most: float = CUTOFF) -> float:
+    """The cut-off [Hz] of a ``run`` of fine positions, at ``most``."""
+    return min(most, CUTOFF_SHARE / run.dt)
+
+
+def kept(run: Trajectory, cutoff: float) -> slice:
+    """Which samples of ``run`` are kept behind a low-pass at ``cutoff`` [Hz]: none near its ends, few of the others."""
+    trim = int(np.ceil(TRIM / cutoff / run.dt))
+    return slice(trim, len(run.time) - trim, max(int(1.0 / (run.dt * KEPT * cutoff)), 1))
+
+
+def long_enough(run: Trajectory, cutoff: float) -> bool:
+    """Whether a ``run`` says anything behind a low-pass at ``cutoff`` [Hz]."""
+    return _inside(run, cutoff) >= LEAST_INSIDE
+
+
+def _inside(run: Trajectory, cutoff: float) -> int:
+    """Samples that are not near the ends of ``run``."""
+    rows = kept(run, cutoff)
+    return int(rows.stop - rows.start)
+
+
+def _looked_at(runs: Sequence[Trajectory], most: float = CUTOFF) -> list[Trajectory]:
+    """What of ``runs`` is looked at behind a low-pass at ``most`` [Hz]: what is long enough, and not too much."""
+    out: list[Trajectory] = []
+    left = MOST_ROWS
+    for run in runs:
+        if left <= 0:
+            break
+        cutoff = usual_cutoff(run, most)
+        every = kept(run, cutoff).step
+        part = run.rows(slice(0, left * every + 1)) if len(run.time) > left * every + 1 else run
+        if long_enough(part, cutoff):
+            out.append(part)
+            left -= -(-_inside(part, cutoff) // every)
+    return out
 
 
 def _bearable(runs: Sequence[Trajectory]) -> float:
     """The cut-off [Hz] up to which accelerations of ``runs`` are motion (:data:`NOISE`), or the lowest that they can
     bear: none becomes too short for it, and together they keep enough rows."""
-    heard = _heard(runs)
-    cutoff = max(map(_usual, heard), default=CUTOFF)
-    noise = [position_noise(run["q"], run.dt, held=True) for run in heard]
-    slow = [_derivatives(run, min(SLOW, _usual(run)))[2].var(axis=0) for run in heard]
+    cutoff = max(map(usual_cutoff, runs), default=CUTOFF)
+    noise = [position_noise(run["q"], run.dt, held=True) for run in runs]
+    slow = [_derivatives(run, usual_cutoff(run, SLOW))[2].var(axis=0) for run in runs]
 
     def share(cutoff: float) -> float:
         """Of the accelerations of all runs, in the mean of the joints that move."""
-        said: list[Array] = []
-        for run, level, least in zip(heard, noise, slow, strict=True):
-            own = min(cutoff, _usual(run))
+        said = [np.zeros(0)]
+        for run, level, least in zip(runs, noise, slow, strict=True):
+            own = usual_cutoff(run, cutoff)
             made = level * (2 * np.pi) ** 4 * own**5 / 5
             motion = np.maximum(_derivatives(run, own)[2].var(axis=0) - made, least)
-            moves = np.ptp(run["q"], axis=0) > MOVES
-            said.append((made / np.maximum(made + motion, 1e-300))[moves])
-        return float(np.mean(np.concatenate(said))) if said and np.concatenate(said).size else 0.0
+            said.append((made / np.maximum(made + motion, 1e-300))[np.ptp(run["q"], axis=0) > MOVES])
+        of_all = np.concatenate(said)
+        return float(of_all.mean()) if of_all.size else 0.0
 
     def bears(cutoff: float) -> bool:
-        kept = [len(run.time) - 2 * _trim(min(cutoff, _usual(run)), run.dt) for run in heard]
-        rows = sum(k // _every(min(cutoff, _usual(run)), run.dt) for k, run in zip(kept, heard, strict=True))
-        return rows >= LEAST_KEPT and min(kept) >= 20
+        own = [usual_cutoff(run, cutoff) for run in runs]
+        rows = sum(_inside(run, c) // kept(run, c).step for run, c in zip(runs, own, strict=True))
+        return rows >= LEAST_KEPT and all(map(long_enough, runs, own))
 
     while cutoff * STEP >= LOWEST and bears(cutoff * STEP) and share(cutoff) > NOISE:
         cutoff *= STEP
     return cutoff
-
-
-def _heard(runs: Sequence[Trajectory]) -> list[Trajectory]:
-    """What of ``runs`` would be looked at were their positions fine."""
-    out: list[Trajectory] = []
-    left = MOST_ROWS
-    for run in runs:
-        every = _every(_usual(run), run.dt)
-        part = run.rows(slice(0, left * every + 1)) if len(run.time) > left * every + 1 else run
-        if left > 0 and _long_enough(part, _usual(part)):
-            out.append(part)
-            left -= len(part.time) // every
-    return out
-
-
-def _usual(run: Trajectory) -> float:
-    """The cut-off [Hz] of a ``run`` of fine positions."""
-    return min(CUTOFF, CUTOFF_SHARE / run.dt)
-
-
-def _every(cutoff: float, dt: float) -> int:
-    """One of how many samples is kept behind a low-pass at ``cutoff`` [Hz]."""
-    return max(int(1.0 / (dt * KEPT * cutoff)), 1)
-
-
-def _trim(cutoff: float, dt: float) -> int:
-    return int(np.ceil(TRIM / cutoff / dt))
-
-
-def _long_enough(run: Trajectory, cutoff: float) -> bool:
-    return len(run.time) >= 2 * _trim(cutoff, run.dt) + 20
 
 
 def _derivatives(run: Trajectory, cutoff: float) -> tuple[Array, Array, Array]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hybrid_dynamics.check.cures import reordered, turned
 from hybrid_dynamics.check.findings import Finding, Severity
-from hybrid_dynamics.check.samples import CUTOFF, CUTOFF_SHARE, KEPT, TRIM
+from hybrid_dynamics.check.samples import kept, long_enough, usual_cutoff
 from hybrid_dynamics.differentiate.butterworth import lowpass
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
@@ -88,15 +88,12 @@ def check_velocity(joint_names: Sequence[str], runs: Sequence[Trajectory]) -> li
 
 def _alike(run: Trajectory) -> tuple[Array, Array, float] | None:
     """Derivative of q, dq, both with one low-pass (K, n), and the step [s]; None where the run is too short."""
-    dt = run.dt
-    cutoff = min(CUTOFF, CUTOFF_SHARE / dt)
-    trim = int(np.ceil(TRIM / cutoff / dt))
-    if len(run.time) < 2 * trim + 20:
+    dt, cutoff = run.dt, usual_cutoff(run)
+    if not long_enough(run, cutoff):
         return None
-    inside = slice(trim, len(run.time) - trim)
-    keep = max(int(1.0 / (dt * KEPT * cutoff)), 1)
-    v = np.gradient(lowpass(run["q"], dt, cutoff), dt, axis=0)[inside][::keep]
-    return v, lowpass(run["dq"], dt, cutoff)[inside][::keep], dt * keep
+    rows = kept(run, cutoff)
+    v = np.gradient(lowpass(run["q"], dt, cutoff), dt, axis=0)
+    return v[rows], lowpass(run["dq"], dt, cutoff)[rows], dt * rows.step
 
 
 def _correlations(a: Array, b: Array) -> Array:
