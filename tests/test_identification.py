@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hybrid_dynamics.errors import ConfigError
+from hybrid_dynamics.errors import ConfigError, HybridDynamicsError
 from hybrid_dynamics.identification import LeastSquaresSettings, base_parameters, is_physical, pseudo_inertia
+from hybrid_dynamics.identification import physical as physical_module
 from hybrid_dynamics.identification.base_parameters import full_parameter_names, full_regressor
 from hybrid_dynamics.identification.physical import feasible_prior, physical_least_squares
 from hybrid_dynamics.robots import Robot
@@ -163,6 +164,27 @@ def test_constraints_do_not_move_a_feasible_truth(spatial: Robot) -> None:
     found = np.concatenate([base_parameters(spatial).grouping @ np.append(inertial, armature), friction])
     assert is_physical(inertial)
     np.testing.assert_allclose(found, truth, atol=1e-5)
+
+
+def test_a_body_that_cannot_exist_is_no_solution_and_the_next_stronger_prior_is_asked(
+    spatial: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A single slow move of a real arm: what the solver called optimal had a body of negative inertia."""
+    factor, target, _ = _system(spatial, 0.0, 200, seed=0)
+    answers = iter([False, False, True])
+    asked: list[bool] = []
+
+    def exists(parameters: np.ndarray, tolerance: float = 0.0) -> bool:
+        asked.append(next(answers))
+        return asked[-1]
+
+    monkeypatch.setattr(physical_module, "is_physical", exists)
+    assert is_physical(_solve(spatial, factor, target)[0])
+    assert asked == [False, False, True]
+    # Where no prior helps that is told, with the remedy.
+    monkeypatch.setattr(physical_module, "is_physical", lambda *_: False)
+    with pytest.raises(HybridDynamicsError, match=r"not positive definite.*prior_weight larger than 0\.01"):
+        _solve(spatial, factor, target)
 
 
 def test_infeasible_ordinary_estimate_becomes_feasible(vertical: Robot) -> None:

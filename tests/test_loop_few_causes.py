@@ -12,14 +12,15 @@ from hybrid_dynamics.effects import Effect, State, Term, family, predict
 from hybrid_dynamics.effects.inertia import link_parameters, to_body
 from hybrid_dynamics.effects.sign import AT_REST
 from hybrid_dynamics.loop import LoopSettings, Model
+from hybrid_dynamics.loop import one_for_two as one_for_two_module
 from hybrid_dynamics.loop.alternatives import _Named, _several_for_one
-from hybrid_dynamics.loop.cheaper import cheaper
+from hybrid_dynamics.loop.cheaper import cheaper, plain_instead
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.further import merge_forms, reshaped, simplify_bodies
 from hybrid_dynamics.loop.narrow import narrowed
-from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
+from hybrid_dynamics.loop.one_for_two import friction_for_offset, one_for_two, two_for_one, with_rest
 from hybrid_dynamics.loop.prepare import gather, read_motion
-from hybrid_dynamics.loop.prune import _common, impossible
+from hybrid_dynamics.loop.prune import _common, impossible, on_every_joint
 from hybrid_dynamics.loop.trace import Gain, Judge
 from hybrid_dynamics.loop.widen import widened
 from hybrid_dynamics.robots import Robot
@@ -123,6 +124,76 @@ def test_friction_that_would_be_next_to_nothing_one_way_is_plain_beside_an_offse
     judge, _, _ = gather(start, logs, settings)
     judge = judge.adding([UNEVEN]).at([UNEVEN])
     assert impossible(judge, [UNEVEN]) == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_friction_that_is_none_one_way_in_the_end_is_given_back_to_plain_friction_and_an_offset(seed: int) -> None:
+    """It was named while nothing stood beside it, and estimated with links beside it nothing is left of it one way."""
+    judge, terms = _judged(_friction(1.5, 0.05), seed=seed)
+    viscous = next(t for t in terms if t.effect == "viscous_friction" and t.joint == 0)
+    there, names = two_for_one(judge.adding([viscous]), [UNEVEN, viscous], [])
+    assert names == [DRY, OFFSET, viscous]
+    x = there.evidence.fit(names[:2])
+    assert x == pytest.approx([0.775, 0.725], abs=0.05)
+    assert two_for_one(judge.adding([viscous]), [viscous], [UNEVEN])[1] == [viscous]
+    # Control: friction that brakes both ways stands.
+    judge, _ = _judged(_friction(1.5, 0.5), seed=seed)
+    assert two_for_one(judge, [UNEVEN], [])[1] == [UNEVEN]
+
+
+def _judged_one_way(*hidden: Effect, seed: int) -> tuple[Judge, list[Term]]:
+    """As :func:`_judged`, of logs in which the elbow turns one way, at changing speed, and the shoulder to and fro."""
+
+    def log(own: int, split: str) -> Trajectory:
+        rng = np.random.default_rng(own)
+        time = np.arange(4000) / 200.0
+        way, phase = rng.uniform(0.5, 1.5, 2), rng.uniform(0, 2 * np.pi, 2)
+        shoulder = 0.5 * np.sin(way[0] * time + phase[0])
+        elbow = 0.06 * time - 0.6 + 0.03 / way[1] * np.sin(way[1] * time + phase[1])
+        q = np.column_stack([shoulder, elbow])
+        dq = np.gradient(q, time, axis=0)
+        tau = predict(ROBOT, list(hidden), q, dq, np.gradient(dq, time, axis=0), time)
+        channels = {"q": q, "dq": dq, "tau": tau + NOISE * rng.normal(size=tau.shape)}
+        return Trajectory(f"{split}_{own}", split, time, channels)
+
+    settings = LoopSettings()
+    logs = read_motion(ROBOT, [log(seed, "train"), log(seed + 1, "train")], [log(seed + 50, "test")], settings)
+    judge, terms, _ = gather(Model(ROBOT), logs, settings)
+    return judge.adding([LINEAR, SINE, OFFSET, DRY, UNEVEN]), terms
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_constant_along_one_way_is_friction(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    dry = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 1.0})
+    judge, terms = _judged_one_way(dry, seed=seed)
+    there, names = friction_for_offset(judge, [OFFSET], terms)
+    assert [(t.effect, t.joint) for t in names] == [("coulomb_friction", 1)]
+    assert there.evidence.fit(names) == pytest.approx([1.0], abs=0.05)
+    # Friction that is named already, of whatever form, makes its own torque.
+    assert friction_for_offset(judge, [OFFSET, DRY], terms)[1] == [OFFSET, DRY]
+    # Controls: a constant that drives the joint, one that is seen both ways, one that the rests show.
+    drives = Effect("torque_offset", (ELBOW,), {"offset": -1.0})
+    assert friction_for_offset(_judged_one_way(drives, seed=seed)[0], [OFFSET], terms)[1] == [OFFSET]
+    offset = Effect("torque_offset", (ELBOW,), {"offset": 1.0})
+    assert friction_for_offset(_judged(offset, seed=seed)[0], [OFFSET], terms)[1] == [OFFSET]
+    monkeypatch.setattr(one_for_two_module, "_at_rest", lambda *_: True)
+    assert friction_for_offset(judge, [OFFSET], terms)[1] == [OFFSET]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_every_joint_has_stands_in_the_place_of_a_spring_that_does_no_better(seed: int) -> None:
+    dry = Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 1.0})
+    judge, terms = _judged_one_way(dry, seed=seed)
+    ((name,),) = [plain_instead(judge, [LINEAR], terms)[1]]
+    assert name.family().everywhere
+    assert name.joint == 1
+    # Controls: a spring that is there, and friction in the starting model's place.
+    spring = Effect("joint_spring", (ELBOW,), {"stiffness": 4.0, "rest_position": 0.1}, LINEAR.options)
+    assert plain_instead(_judged(spring, seed=seed)[0], [LINEAR], terms)[1] == [LINEAR]
+    assert plain_instead(_judged_one_way(spring, seed=seed)[0], [LINEAR], terms)[1] == [LINEAR]
+    # What is there already is not put there again.
+    plain = [t for t in on_every_joint(terms) if t.joint == 1 and t != OFFSET]
+    assert plain_instead(judge.adding(plain), [LINEAR, *plain], plain)[1] == [LINEAR, *plain]
 
 
 @pytest.mark.parametrize("seed", range(3))

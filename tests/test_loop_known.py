@@ -136,12 +136,22 @@ def test_an_only_number_within_two_errors_of_nothing_is_not_known_and_one_of_sev
     for errors, known in ((1.9, False), (2.1, True)):
         own = Effect("torque_offset", (ELBOW,), {"offset": -errors}, std_errors={"offset": 1.0})
         assert (known_module.unknown({OFFSET: own}, ROBOT) is None) is known
-    # Of two, one that is 1.5 errors off is known; of a body's many only sums may be.
+    # Of friction of two numbers, one that is 1.5 errors off is known; of what follows another joint it is not, nor
+    # of a turned base. Of a body's many only sums may be.
     law = Term("asymmetric_coulomb_friction", 1)
     for sizes, known in (((1.5, 0.2), True), ((0.9, 0.2), False)):
         two = dict(zip(("coulomb_torque_positive", "coulomb_torque_negative"), sizes, strict=True))
         own = Effect("asymmetric_coulomb_friction", (ELBOW,), two, std_errors=dict.fromkeys(two, 1.0))
         assert (known_module.unknown({law: own}, ROBOT) is None) is known
+    of_coupling = ("viscous_coefficient", "coulomb_torque", "armature")
+    of_tilt = ("roll", "pitch")
+    coupled = Term("joint_coupling", 1, (("from_joint", SHOULDER), ("rows", "own"), ("sign_of", "partner")))
+    for term, keys in ((coupled, of_coupling), (Term("gravity_tilt"), of_tilt)):
+        for sure, known in ((1.9, False), (2.1, True)):
+            values = dict(zip(keys, (sure, 1.0, 0.5)[: len(keys)], strict=True))
+            where = () if term.joint is None else (ELBOW,)
+            own = Effect(term.effect, where, values, term.options, std_errors=dict.fromkeys(values, 1.0))
+            assert (known_module.unknown({term: own}, ROBOT) is None) is known
     tool = Term("payload")
     numbers = tool.family().parameters_of(np.full(tool.size, 1e-3), ROBOT, tool)
     body = Effect("payload", (), numbers, std_errors=dict.fromkeys(numbers, 1.0))

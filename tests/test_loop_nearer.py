@@ -122,7 +122,7 @@ def test_a_name_that_nearer_links_make_as_little_as_its_error_stands_beside(
 
     monkeypatch.setattr(known_module, "_published", published)
     # A coefficient of which something is known from one standard error on.
-    known = 0.5 / error > known_module.OF_SEVERAL
+    known = 0.5 / error > known_module.EXPECTED
     there, kept, beside, notes = known_module.known_nearer(judge, names, [], [])
     assert kept == (names if known else [LINKS])
     assert [t.as_finding.place for t in beside] == ([] if known else [friction.place])

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import logging
 import warnings
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,11 +84,13 @@ def feasible_prior(parameters: Array) -> Array:
     return links.ravel()
 
 
-def _solve(problem: cp.Problem, weight: cp.Parameter, prior_weight: float) -> None:
-    """Solve with the wanted pull towards the prior, or with the least stronger one that the solver can cope with.
+def _solve(problem: cp.Problem, weight: cp.Parameter, prior_weight: float, parameters: Callable[[], Array]) -> Array:
+    """Solve with the wanted pull towards the prior, or with the least stronger one that the solver can cope with; the
+    ``parameters`` (10 n,) of the bodies then.
 
     Short or poor recordings leave directions that only the prior determines; a pull of 1e-5 against well measured
-    directions is then beyond double precision. What was needed is logged, not hidden.
+    directions is then beyond double precision: the solver stops short, or with a body that cannot exist. What was
+    needed is logged, not hidden.
     """
     import cvxpy as cp
 
@@ -101,6 +104,10 @@ def _solve(problem: cp.Problem, weight: cp.Parameter, prior_weight: float) -> No
             except cp.SolverError as error:
                 status = str(error)
         if status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+            found = parameters()
+            if not is_physical(found):
+                status = "a body with a pseudo-inertia that is not positive definite"
+                continue
             if weight.value > prior_weight:
                 log.warning(
                     "physically consistent least squares: solved with prior_weight %.3g instead of %.3g; "
@@ -108,7 +115,7 @@ def _solve(problem: cp.Problem, weight: cp.Parameter, prior_weight: float) -> No
                     weight.value,
                     prior_weight,
                 )
-            return
+            return found
     raise HybridDynamicsError(
         f"physically consistent least squares: {status}; expected 'optimal'; consider more exciting motions or a "
         f"prior_weight larger than {prior_weight * _STRONGER[-1]:g}"
@@ -163,15 +170,12 @@ def physical_least_squares(
     away = cp.sum_squares(armature - prior_armature / armature_scale)
     weight = cp.Parameter(nonneg=True)
     problem = cp.Problem(cp.Minimize(cp.sum_squares(residual) + weight * (divergence + away)), [friction[: 2 * n] >= 0])
-    _solve(problem, weight, prior_weight)
-    parameters = np.concatenate(
-        [t @ ((body.value + body.value.T) / 2).ravel() for t, body in zip(to_parameters, bodies, strict=True)]
-    )
-    if not is_physical(parameters):
-        raise HybridDynamicsError(
-            "physically consistent least squares: the solver left a body with a pseudo-inertia that is not positive "
-            f"definite; consider a larger prior_weight than {prior_weight:g}"
-        )
+
+    def fitted() -> Array:
+        symmetric = [(body.value + body.value.T) / 2 for body in bodies]
+        return np.concatenate([t @ body.ravel() for t, body in zip(to_parameters, symmetric, strict=True)])
+
+    parameters = _solve(problem, weight, prior_weight, fitted)
     values = friction.value / size
     values[: 2 * n] = np.maximum(values[: 2 * n], 0.0)
     values[still] = 0.0

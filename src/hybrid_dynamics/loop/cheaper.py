@@ -1,20 +1,29 @@
-"""What is read wrongly, a zero or a gain, in the place of an effect of more numbers that is said to be alike to it.
+"""The likelier cause where both do as well: a wrong reading, or what every joint has.
+
+What is read wrongly, a zero or a gain, comes in the place of an effect of more numbers that is said to be alike to it.
 
 A search takes what predicts best, and a law of three numbers predicts a little better than the one of one number that
 is there: a link's centre of mass where its joint's zero is wrong. What holds another as a special case is given back
 to it elsewhere (:func:`.further.simplify`); these do not hold each other. A spring is not asked here: a link's inertia
 is no rarer than a spring.
+
+Friction, a rotor and an offset are in every real arm; a coupling, a spring or a gain of one joint has to be told apart
+from them. A few seconds of slow moves, most joints one way, leave that open, and the search takes what predicts best by
+a hair.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from hybrid_dynamics.effects import Family, Term, family
 from hybrid_dynamics.loop.further import first_as_good
-from hybrid_dynamics.loop.trace import Judge, elsewhere
+from hybrid_dynamics.loop.likeness import Likeness
+from hybrid_dynamics.loop.search import LIKENESS_OF_RIVAL
+from hybrid_dynamics.loop.trace import Judge, covers, elsewhere, same_place
 
 #: A reading of another joint is re-fitted where it leaves at most this multiple of what the body leaves.
 FAR = 1.5
@@ -49,6 +58,39 @@ def cheaper(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]]:
                 trials.append((judge.price(*trial), score, repr(trial), trial))
         trials.sort(key=lambda entry: entry[:3])
         judge, out = first_as_good(judge, out, [trial for *_, trial in trials])
+    return judge, out
+
+
+def plain_instead(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with what every joint has, of ``candidates``, in the place of a rarer effect of a joint where that
+    costs no more and predicts held-out rows as well where its own re-fit stands; and the judge there.
+
+    Bodies are asked for their parts elsewhere (:func:`.further.simplify_bodies`), what holds a plain law as a special
+    case for that (:func:`.further.simplify`). What the starting model has stays.
+    """
+    out = list(chosen)
+    judge = judge.at(out)
+    for term in chosen:
+        kind = term.family()
+        if term.joint is None or kind.everywhere or kind.is_body or judge.evidence.in_base(term):
+            continue
+        evidence = judge.evidence
+        acts, price = evidence.acts(term), judge.price(term)
+        offered = [c for c in candidates if c.family().everywhere and c.joint is not None and acts[c.joint]]
+        offered = [c for c in offered if judge.price(c) <= price and not any(same_place(c, o) for o in out)]
+        if not offered:
+            continue
+        x, layout = evidence.fit(out), evidence.layout(out)
+        start = layout.starts[layout.terms.index(term)]
+        likeness = Likeness(evidence, term, x[start : start + term.size])
+        best: dict[tuple[Any, ...], tuple[float, str, list[Term]]] = {}
+        for c in offered:
+            if likeness.share(c) < LIKENESS_OF_RIVAL:
+                continue
+            trial = [c if t == term else t for t in out if t == term or not covers(c, t)]
+            entry = evidence.held(trial, physical=True).score, repr(c), trial
+            best[c.place] = min(best.get(c.place, entry), entry)
+        judge, out = first_as_good(judge, out, [trial for _, _, trial in sorted(best.values())])
     return judge, out
 
 

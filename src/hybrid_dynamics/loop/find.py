@@ -11,7 +11,7 @@ from hybrid_dynamics.effects import Effect, Term
 from hybrid_dynamics.loop.all_gains import from_gains
 from hybrid_dynamics.loop.augment import refit
 from hybrid_dynamics.loop.balanced import balanced, undone
-from hybrid_dynamics.loop.cheaper import cheaper
+from hybrid_dynamics.loop.cheaper import cheaper, plain_instead
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.contact import named as named_contacts
 from hybrid_dynamics.loop.contact import run_by_run, worse_with
@@ -32,7 +32,7 @@ from hybrid_dynamics.loop.known import known_and_beside, known_nearer, much_wors
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import turned_by
 from hybrid_dynamics.loop.narrow import narrowed
-from hybrid_dynamics.loop.one_for_two import one_for_two, with_rest
+from hybrid_dynamics.loop.one_for_two import friction_for_offset, one_for_two, with_rest
 from hybrid_dynamics.loop.partner import notes_of, partner_open
 from hybrid_dynamics.loop.prepare import Logs
 from hybrid_dynamics.loop.prune import choose, from_everything, impossible, in_errors, keep_sure, without_noise
@@ -165,7 +165,7 @@ def _sifted(
     # What is left now beside a body may show that less than a body does, and that what had balanced it is nothing.
     bodies = chosen
     judge, chosen = payload_for_links(*simplify_bodies(judge, bodies, candidates), candidates)
-    judge, plainer = cheaper(judge, chosen)
+    judge, plainer = plain_instead(*cheaper(judge, chosen), candidates)
     if plainer != chosen:
         # What had balanced the costlier law on other joints need not be sure any more.
         judge, chosen, _, further = keep_sure(judge, plainer, looked, report)
@@ -181,6 +181,7 @@ def _sifted(
         rest = [t for t in chosen if t not in lost]
         others = elsewhere(candidates, lost)
         judge, chosen = without_noise(*complete(judge, rest, others, common))
+    judge, chosen = friction_for_offset(judge, chosen, others)
     judge, chosen = plainer_laws(*with_rest(*one_for_two(judge, chosen)))
     return _Sifted(judge, chosen, unsure, others, unknown, steps)
 

@@ -28,14 +28,14 @@ from hybrid_dynamics.loop.beside import (
 from hybrid_dynamics.loop.further import plainer_forms
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.nearer import links_nearer
+from hybrid_dynamics.loop.one_for_two import two_for_one
 from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.loop.weighing import as_left
 from hybrid_dynamics.robots import Robot
 
-#: Standard errors from which on something is known of one of several parameters, and of the only one: within two of
-#: nothing it may well be nothing, while of several that are sure together each can be unsure. (Friction and a rotor
-#: every real joint has: of these one is enough.)
-OF_SEVERAL, OF_ONE = 1.0, 2.0
+#: Standard errors from which on something is known of what every real joint has, and of the surest parameter of
+#: anything else (:func:`_least`): within two of nothing that may well be nothing.
+EXPECTED, RARE = 1.0, 2.0
 #: A joint of which so many times as much is left (mean square) without a cause is wrong by what that had balanced.
 WRONG = 2.0
 
@@ -57,7 +57,12 @@ def known_and_beside(
             continue
         least = _least_known(judge, names, effects, fixed)
         if least is None:
-            return with_links(judge, names, beside, candidates, fixed)
+            settled = with_links(judge, names, beside, candidates, fixed)
+            judge, apart = two_for_one(*settled)
+            if apart == settled[1]:
+                return settled
+            names = apart
+            continue
         found |= _size(least, effects[names.index(least)])
         names.remove(least)
         if least.family().everywhere:
@@ -207,19 +212,21 @@ def _least_known(
 
 def unknown(effects: Mapping[Term, Effect], robot: Robot) -> Term | None:
     """The least sure of the terms of ``effects``, found on ``robot``, of which nothing is known: every parameter that
-    makes torque lies within its standard error of what it is without, the only one of what not every joint has within
-    two of them. No body of ten: in few poses only sums of its numbers are known."""
+    makes torque lies within its standard error of what it is without, of what is rarer within two of them.
+    No body of ten: in few poses only sums of its numbers are known."""
     asked = {t: (e, _amounts(e)) for t, e in effects.items() if not t.family().is_body}
-    rare = {t: len(amounts) == 1 and not _in_every_joint(t) for t, (_, amounts) in asked.items()}
-    least = {t: OF_ONE if rare[t] else OF_SEVERAL for t in asked}
-    sizes = {t: published_in_errors(t, e, robot, amounts) / least[t] for t, (e, amounts) in asked.items()}
+    sizes = {t: published_in_errors(t, e, robot, own) / _least(t, own) for t, (e, own) in asked.items()}
     nothing = [t for t, size in sizes.items() if size < 1.0]
     return min(nothing, key=lambda t: (sizes[t], repr(t)), default=None)
 
 
-def _in_every_joint(term: Term) -> bool:
-    """True for friction and rotors, which every real joint has; an offset not every torque sensor has."""
-    return term.family().everywhere and not term.family().like_weight
+def _least(term: Term, amounts: Sequence[str]) -> float:
+    """Standard errors of the surest of ``amounts`` of ``term`` from which on something is known of it. Friction and
+    rotors every real joint has, an offset not every torque sensor; friction of several numbers may be surely there with
+    none of them sure."""
+    kind = term.family()
+    every = kind.everywhere and not kind.like_weight
+    return EXPECTED if every or (kind.is_friction and len(amounts) > 1) else RARE
 
 
 def _amounts(effect: Effect) -> list[str]:
@@ -287,7 +294,7 @@ def _plainer(
         # A speed at which friction falls by nothing has no error, and is not known either.
         robot, errors = judge.evidence.robot, effect.std_errors
         sized = [
-            name for name in own if errors.get(name) and published_in_errors(term, effect, robot, [name]) >= OF_SEVERAL
+            name for name in own if errors.get(name) and published_in_errors(term, effect, robot, [name]) >= EXPECTED
         ]
         if len(sized) == len(own) and not (kind.of_like_size and _all_alike(effect, own)):
             continue

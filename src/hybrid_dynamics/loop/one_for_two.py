@@ -17,10 +17,12 @@ from scipy.stats import t as student
 from hybrid_dynamics.effects import Term, family
 from hybrid_dynamics.effects.sign import AT_REST, MIDDLE
 from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.further import first_as_good
+from hybrid_dynamics.loop.likeness import Likeness
 from hybrid_dynamics.loop.prune import impossible
 from hybrid_dynamics.loop.resting import rests
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge
+from hybrid_dynamics.loop.trace import Judge, same_place
 from hybrid_dynamics.types import Array
 
 
@@ -45,6 +47,48 @@ def one_for_two(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]
             there = take(offered, out, trial)
             if there is not None and one not in impossible(there, trial):
                 judge, out = there, trial
+    return judge, out
+
+
+def two_for_one(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``names`` with two plain effects in the place of one that is equivalent to them and cannot be: estimated next to
+    what stands ``beside`` the names, its numbers are others than those by which it was named. With the judge who has
+    the columns."""
+    out = list(names)
+    for one in impossible(judge, [*names, *beside]):
+        pairs = [alike.effects for alike in one.family().equivalent_to if len(alike.effects) > 1]
+        plain = [pair for pair in pairs if all(family(e).everywhere for e in pair)]
+        if one in names and one.joint is not None and plain and not judge.evidence.in_base(one):
+            settings = tuple((key, value) for key, value in one.settings if key != AT_REST)
+            two = [Term(e, one.joint, settings if e in one.family().contains else ()) for e in plain[0]]
+            at = out.index(one)
+            out[at : at + 1] = [t for t in two if not any(same_place(t, o) for o in out)]
+    return judge.adding(out), out
+
+
+def friction_for_offset(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Term]) -> tuple[Judge, list[Term]]:
+    """``chosen`` with dry friction, of ``candidates``, in the place of an offset of a joint without any, where it
+    predicts held-out rows as well and the rests do not surely say that the offset acts then, too; and the judge there.
+
+    Of a joint that moves one way the two are one torque, and friction is what every joint has.
+    """
+    out = list(chosen)
+    judge = judge.at(out)
+    for term in chosen:
+        own = [t for t in (*out, *judge.evidence.problem.base_places) if t.joint == term.joint]
+        rough = any(t.family().is_friction and t.family().turns_sign for t in own)
+        if not term.family().like_weight or not term.family().everywhere or rough or judge.evidence.in_base(term):
+            continue
+        dry = [c for c in candidates if c.joint == term.joint and c.family().everywhere and c.family().turns_sign]
+        if not dry or _at_rest(judge, out, [term]):
+            continue
+        judge = judge.adding(dry)
+        evidence, layout = judge.evidence, judge.evidence.layout(out)
+        start = layout.starts[layout.terms.index(term)]
+        likeness = Likeness(evidence, term, evidence.fit(out)[start : start + term.size])
+        # How its sign turns over is not in these rows: that which does not is nearest to what was found.
+        likest = max(dry, key=lambda c: (likeness.share(c), repr(c)))
+        judge, out = first_as_good(judge, out, [[likest if t == term else t for t in out]])
     return judge, out
 
 

@@ -66,24 +66,23 @@ def physical_constraints(
                 # A link of the starting model that reaches farther need not be mended, only not be made worse.
                 least.append(min(-float(within @ own), 0.0))
 
-    def started(joint: int, speed: float, kind: Callable[[Term], bool], unit: Callable[[Term, float], Array]) -> float:
-        return sum(float(unit(s, speed) @ x) for s, x in base.items() if s.joint == joint and kind(s))
+    def started(joint: int, speeds: Array, kind: Callable[[Term], bool], unit: Callable[[Term, Array], Array]) -> Array:
+        own = [unit(s, speeds) @ x for s, x in base.items() if s.joint == joint and kind(s)]
+        return np.asarray(sum(own, np.zeros(len(speeds))))
 
-    def oppose(joint: int, speeds: Array, kind: Callable[[Term], bool], unit: Callable[[Term, float], Array]) -> None:
+    def oppose(joint: int, speeds: Array, kind: Callable[[Term], bool], unit: Callable[[Term, Array], Array]) -> None:
         """What terms of that ``kind`` make together at ``joint``, ``unit`` of each coordinate, takes energy."""
-        for speed in speeds:
-            row = np.zeros(total)
-            for term, start in at:
-                if term.joint == joint and kind(term):
-                    row[start : start + term.size] = unit(term, speed)
-            rows.append(row)
-            own = started(joint, speed, kind, unit)
-            # All that the starting model brakes with may go. One that drives at the speeds of this log (it was made at
-            # others) need not be mended, only not be made worse.
-            least.append(min(-own, 0.0))
+        together = np.zeros((len(speeds), total))
+        for term, start in at:
+            if term.joint == joint and kind(term):
+                together[:, start : start + term.size] = unit(term, speeds)
+        rows.extend(together)
+        # All that the starting model brakes with may go. One that drives at the speeds of this log (it was made at
+        # others) need not be mended, only not be made worse.
+        least.extend(np.minimum(-started(joint, speeds, kind, unit), 0.0))
 
-    def brakes(term: Term, speed: float) -> Array:
-        return _brakes(term, robot, speed)
+    def brakes(term: Term, speeds: Array) -> Array:
+        return _brakes(term, robot, speeds)
 
     reach = speeds_to_oppose(robot, fastest)
     both = np.array([[-1.0], [1.0]])
@@ -95,7 +94,7 @@ def physical_constraints(
         oppose(j, np.array([_NEAR_REST, *_SPEEDS]) * fastest[j], _is_viscous, _per_speed)
         beyond = np.ravel(both * (fastest[j] + _BETWEEN * (reach[j] - fastest[j])))
         # A starting model that drives where these logs do not reach, or was made on slower ones, says nothing there.
-        if reach[j] > fastest[j] and all(started(j, speed, _is_lasting, brakes) >= 0 for speed in beyond):
+        if reach[j] > fastest[j] and np.all(started(j, beyond, _is_lasting, brakes) >= 0):
             oppose(j, beyond, _is_lasting, brakes)
     for j in _joints(terms, base, _is_lasting, lambda s: s.family().follows_time):
         oppose(j, np.ravel(both * _SPEEDS * fastest[j]), _is_lasting, brakes)
@@ -112,14 +111,15 @@ def speeds_to_oppose(robot: Robot, fastest: Array) -> Array:
     return np.maximum(fastest, np.where(believed, np.minimum(limit, FAR * fastest), BEYOND * fastest))
 
 
-def _per_speed(term: Term, speed: float) -> Array:
-    """Viscous torque at ``speed`` [rad/s], divided by it, of one unit of each coordinate of ``term``."""
-    return np.array([speed ** (power - 1) for power in term.family().viscous_powers])
+def _per_speed(term: Term, speeds: Array) -> Array:
+    """Viscous torque (S, p) at ``speeds`` (S,) [rad/s], divided by them, of one unit of each coordinate of ``term``."""
+    return np.asarray(speeds[:, None] ** (np.array(term.family().viscous_powers) - 1))
 
 
-def _alone(term: Term, power: float) -> Array:
-    """Where a joint is about to stand, of its viscous terms the lowest ``power`` of the speed alone is left."""
-    return np.array([float(own == power) for own in term.family().viscous_powers])
+def _alone(term: Term, powers: Array) -> Array:
+    """Where a joint is about to stand, of its viscous terms the lowest of ``powers`` (S,) of the speed alone is left:
+    (S, p)."""
+    return np.asarray(np.array(term.family().viscous_powers) == powers[:, None], dtype=float)
 
 
 def _joints(
@@ -140,18 +140,14 @@ def _is_lasting(term: Term) -> bool:
     return term.family().opposes_motion(term) and ONLY_RUN not in term.options
 
 
-def _brakes(term: Term, robot: Robot, speed: float) -> Array:
-    """Torque against a motion at ``speed`` [rad/s], without load and long after the beginning, of one unit of each
-    coordinate of ``term``; how a sign turns over does not matter, heights are compared."""
+def _brakes(term: Term, robot: Robot, speeds: Array) -> Array:
+    """Torque (S, p) against a motion at ``speeds`` (S,) [rad/s], without load and long after the beginning, of one unit
+    of each coordinate of ``term``; how a sign turns over does not matter, heights are compared."""
     kind, own = term.family(), term.index
     if kind.turns_sign:
         term = replace(term, settings=with_sign(term.settings, ()))
-    at = State(
-        q={own: np.zeros(1)},
-        dq={own: np.array([speed])},
-        load={own: np.zeros(1)},
-        joint=own,
-        time=np.array([np.inf]),
-    )
+    still = np.zeros(len(speeds))
+    at = State(q={own: still}, dq={own: speeds}, load={own: still}, joint=own, time=np.full(len(speeds), np.inf))
     units = [kind.at_term(term, unit, robot) for unit in np.eye(term.size)]
-    return np.array([np.sign(speed) * float(np.ravel(kind.law(np, at, *unit))[0]) for unit in units])
+    torques = [np.broadcast_to(kind.law(np, at, *unit), speeds.shape) for unit in units]
+    return np.asarray(np.sign(speeds)[:, None] * np.column_stack(torques))
