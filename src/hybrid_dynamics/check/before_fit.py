@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hybrid_dynamics.check.centres import check_centres
 from hybrid_dynamics.check.columns import of_each, standing
 from hybrid_dynamics.check.completed import Completed, body_of
 from hybrid_dynamics.check.content import check_clipped, check_rate
@@ -81,7 +82,7 @@ def checked(
     findings += check_duplicates(first, second)
     findings += check_rate(first)
     findings += [f for f in check_rate(second) if f.code != "too_short"]
-    findings += check_limits(body, mended)
+    findings += [*check_centres(body), *check_limits(body, mended)]
     gravity = standing(body)
     for part in (first, second):
         if not part:
