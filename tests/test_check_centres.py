@@ -48,6 +48,20 @@ def test_other_centres_of_mass_are_no_matter_of_the_frame(centres: list[float]) 
     assert check_centres(_arm(centres)) == []
 
 
+def test_a_last_link_that_is_longer_than_all_others_is_no_matter_of_the_frame() -> None:
+    """Of the last link nobody knows how long it is; the way from the base to the first joint is one, too."""
+    axes = [((0, 0, 0.6), "0 0 1", 0.5), ((0, 0, 0.1), "0 1 0", 0.6), ((0, 0, 0.2), "1 0 0", 0.63)]
+    links = "".join(
+        f'<link name="l{k}"><inertial><origin xyz="0 0 {z}"/><mass value="2"/>'
+        '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="j{k}" type="prismatic"><parent link="{f"l{k - 1}" if k else "base"}"/><child link="l{k}"/>'
+        f'<origin xyz="{at[0]} {at[1]} {at[2]}"/><axis xyz="{axis}"/>'
+        '<limit lower="-1" upper="1" velocity="3" effort="60"/></joint>'
+        for k, (at, axis, z) in enumerate(axes)
+    )
+    assert check_centres(Robot.from_text(f'<robot name="gantry"><link name="base"/>{links}</robot>', "test")) == []
+
+
 def test_whoever_checks_a_log_is_told() -> None:
     time = np.arange(1000) / 100.0
     q = 0.8 * np.sin(np.outer(time, 0.7 + 0.3 * np.arange(JOINTS)))

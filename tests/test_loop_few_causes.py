@@ -17,6 +17,7 @@ from hybrid_dynamics.loop.alternatives import _Named, _several_for_one
 from hybrid_dynamics.loop.cheaper import cheaper, plain_instead
 from hybrid_dynamics.loop.complete import complete
 from hybrid_dynamics.loop.further import merge_forms, reshaped, simplify_bodies
+from hybrid_dynamics.loop.known import known_and_beside
 from hybrid_dynamics.loop.narrow import narrowed
 from hybrid_dynamics.loop.one_for_two import friction_for_offset, one_for_two, two_for_one, with_rest
 from hybrid_dynamics.loop.prepare import gather, read_motion
@@ -136,13 +137,18 @@ def test_friction_that_is_none_one_way_in_the_end_is_given_back_to_plain_frictio
     x = there.evidence.fit(names[:2])
     assert x == pytest.approx([0.775, 0.725], abs=0.05)
     assert two_for_one(judge.adding([viscous]), [viscous], [UNEVEN])[1] == [viscous]
+    assert two_for_one(judge, [UNEVEN], [], fixed=[UNEVEN])[1] == [UNEVEN]
+    # The names are settled so.
+    assert known_and_beside(judge, [UNEVEN], terms, [], [])[1] == [DRY, OFFSET]
+    assert known_and_beside(judge, [UNEVEN], terms, [], [UNEVEN])[1] == [UNEVEN]
     # Control: friction that brakes both ways stands.
     judge, _ = _judged(_friction(1.5, 0.5), seed=seed)
     assert two_for_one(judge, [UNEVEN], [])[1] == [UNEVEN]
 
 
-def _judged_one_way(*hidden: Effect, seed: int) -> tuple[Judge, list[Term]]:
-    """As :func:`_judged`, of logs in which the elbow turns one way, at changing speed, and the shoulder to and fro."""
+def _judged_one_way(*hidden: Effect, seed: int, start: Model | None = None) -> tuple[Judge, list[Term]]:
+    """As :func:`_judged`, of logs in which the elbow turns one way, at changing speed, and the shoulder to and fro; of
+    what ``start`` lacks."""
 
     def log(own: int, split: str) -> Trajectory:
         rng = np.random.default_rng(own)
@@ -158,7 +164,7 @@ def _judged_one_way(*hidden: Effect, seed: int) -> tuple[Judge, list[Term]]:
 
     settings = LoopSettings()
     logs = read_motion(ROBOT, [log(seed, "train"), log(seed + 1, "train")], [log(seed + 50, "test")], settings)
-    judge, terms, _ = gather(Model(ROBOT), logs, settings)
+    judge, terms, _ = gather(start or Model(ROBOT), logs, settings)
     return judge.adding([LINEAR, SINE, OFFSET, DRY, UNEVEN]), terms
 
 
@@ -169,8 +175,14 @@ def test_a_constant_along_one_way_is_friction(seed: int, monkeypatch: pytest.Mon
     there, names = friction_for_offset(judge, [OFFSET], terms)
     assert [(t.effect, t.joint) for t in names] == [("coulomb_friction", 1)]
     assert there.evidence.fit(names) == pytest.approx([1.0], abs=0.05)
-    # Friction that is named already, of whatever form, makes its own torque.
-    assert friction_for_offset(judge, [OFFSET, DRY], terms)[1] == [OFFSET, DRY]
+    # Friction that is named already, of whatever form, makes its own torque, and so does the starting model's.
+    remembers = Term("hysteresis_friction", 1, (("presliding_displacement", 0.01),))
+    for own in (DRY, UNEVEN, remembers):
+        assert friction_for_offset(judge.adding([own]), [OFFSET, own], terms)[1] == [OFFSET, own]
+    for start in (dry, Effect("hysteresis_friction", (ELBOW,), {"coulomb_torque": 1.0, "presliding_stiffness": 100.0})):
+        lacks = Effect("torque_offset", (ELBOW,), {"offset": 1.0})
+        asked, offered = _judged_one_way(start, lacks, seed=seed, start=Model(ROBOT, (start,)))
+        assert friction_for_offset(asked, [OFFSET], offered)[1] == [OFFSET]
     # Controls: a constant that drives the joint, one that is seen both ways, one that the rests show.
     drives = Effect("torque_offset", (ELBOW,), {"offset": -1.0})
     assert friction_for_offset(_judged_one_way(drives, seed=seed)[0], [OFFSET], terms)[1] == [OFFSET]
@@ -187,10 +199,16 @@ def test_what_every_joint_has_stands_in_the_place_of_a_spring_that_does_no_bette
     ((name,),) = [plain_instead(judge, [LINEAR], terms)[1]]
     assert name.family().everywhere
     assert name.joint == 1
-    # Controls: a spring that is there, and friction in the starting model's place.
+    # Controls: a spring that is there, seen both ways or one.
     spring = Effect("joint_spring", (ELBOW,), {"stiffness": 4.0, "rest_position": 0.1}, LINEAR.options)
     assert plain_instead(_judged(spring, seed=seed)[0], [LINEAR], terms)[1] == [LINEAR]
     assert plain_instead(_judged_one_way(spring, seed=seed)[0], [LINEAR], terms)[1] == [LINEAR]
+    # Nor does a change of friction that the starting model has stand for it.
+    asked, offered = _judged_one_way(
+        dry, seed=seed, start=Model(ROBOT, (Effect("coulomb_friction", (ELBOW,), {"coulomb_torque": 0.5}),))
+    )
+    named = plain_instead(asked, [LINEAR], [t for t in offered if t.effect == "coulomb_friction"])[1]
+    assert named == [LINEAR]
     # What is there already is not put there again.
     plain = [t for t in on_every_joint(terms) if t.joint == 1 and t != OFFSET]
     assert plain_instead(judge.adding(plain), [LINEAR, *plain], plain)[1] == [LINEAR, *plain]

@@ -13,7 +13,8 @@ import pinocchio as pin
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.robots import Robot
 
-#: No centre of mass lies further from its link's joint than so many times the longest link; of so many links at least.
+#: No centre of mass lies further from its link's joint than so many times the longest way from one joint (or the base)
+#: to the next; of so many links at least.
 FAR, FEWEST = 1.5, 2
 
 
@@ -22,9 +23,7 @@ def check_centres(robot: Robot) -> list[Finding]:
     model = robot.model
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
-    lengths = [
-        np.linalg.norm(model.jointPlacements[j].translation) for j in range(1, model.njoints) if model.parents[j]
-    ]
+    lengths = [np.linalg.norm(model.jointPlacements[j].translation) for j in range(1, model.njoints)]
     heavy = [j for j in range(1, model.njoints) if model.inertias[j].mass > 0]
     given = np.array([np.linalg.norm(model.inertias[j].lever) for j in heavy])
     in_base = np.array([np.linalg.norm(data.oMi[j].actInv(model.inertias[j].lever)) for j in heavy])
@@ -33,9 +32,8 @@ def check_centres(robot: Robot) -> list[Finding]:
         return []
     worst = model.names[heavy[int(given.argmax())]]
     text = (
-        f"the URDF has centres of mass up to {given.max():.3g} m from their joints (the link of {worst}; no link is "
-        f"longer than {longest:.3g} m); read in the base's frame, all joints at zero, they lie within "
-        f"{in_base.max():.3g} m: "
-        "expected each in the frame of its own link (origin of its inertial)"
+        f"the URDF has centres of mass up to {given.max():.3g} m from their joints (the link of {worst}; no joint is "
+        f"further than {longest:.3g} m from the one before); read in the base's frame, all joints at zero, they lie "
+        f"within {in_base.max():.3g} m: expected each in the frame of its own link (origin of its inertial)"
     )
     return [Finding("centres_in_base", "warning", text)]

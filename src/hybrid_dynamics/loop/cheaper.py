@@ -7,9 +7,9 @@ is there: a link's centre of mass where its joint's zero is wrong. What holds an
 to it elsewhere (:func:`.further.simplify`); these do not hold each other. A spring is not asked here: a link's inertia
 is no rarer than a spring.
 
-Friction, a rotor and an offset are in every real arm; a coupling, a spring or a gain of one joint has to be told apart
-from them. A few seconds of slow moves, most joints one way, leave that open, and the search takes what predicts best by
-a hair.
+Friction and a rotor are in every real arm, an offset in many; a coupling, a spring or a gain of one joint has to be
+told apart from them. A few seconds of slow moves, most joints one way, leave that open, and the search takes what
+predicts best by a hair.
 """
 
 from __future__ import annotations
@@ -65,19 +65,27 @@ def plain_instead(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Ter
     """``chosen`` with what every joint has, of ``candidates``, in the place of a rarer effect of a joint where that
     costs no more and predicts held-out rows as well where its own re-fit stands; and the judge there.
 
-    Bodies are asked for their parts elsewhere (:func:`.further.simplify_bodies`), what holds a plain law as a special
-    case for that (:func:`.further.simplify`). What the starting model has stays.
+    Links are asked for less elsewhere (:func:`.further.simplify_bodies`), what holds a plain law as a special case for
+    that (:func:`.further.simplify`). What the starting model has stays, and no change of it comes in.
     """
     out = list(chosen)
     judge = judge.at(out)
     for term in chosen:
         kind = term.family()
-        if term.joint is None or kind.everywhere or kind.is_body or judge.evidence.in_base(term):
+        if term.joint is None or kind.everywhere or kind.changes_body or judge.evidence.in_base(term):
             continue
-        evidence = judge.evidence
+        evidence, rest = judge.evidence, [t for t in out if t != term]
         acts, price = evidence.acts(term), judge.price(term)
-        offered = [c for c in candidates if c.family().everywhere and c.joint is not None and acts[c.joint]]
-        offered = [c for c in offered if judge.price(c) <= price and not any(same_place(c, o) for o in out)]
+        plain = [c for c in candidates if c.family().everywhere and c.effect not in kind.contains]
+        offered = [
+            c
+            for c in plain
+            if c.joint is not None
+            and acts[c.joint]
+            and judge.price(c) <= price
+            and not evidence.in_base(c)
+            and not any(same_place(c, o) or covers(o, c) for o in rest)
+        ]
         if not offered:
             continue
         x, layout = evidence.fit(out), evidence.layout(out)
@@ -87,7 +95,7 @@ def plain_instead(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Ter
         for c in offered:
             if likeness.share(c) < LIKENESS_OF_RIVAL:
                 continue
-            trial = [c if t == term else t for t in out if t == term or not covers(c, t)]
+            trial = [c if t == term else t for t in out]
             entry = evidence.held(trial, physical=True).score, repr(c), trial
             best[c.place] = min(best.get(c.place, entry), entry)
         judge, out = first_as_good(judge, out, [trial for _, _, trial in sorted(best.values())])

@@ -29,7 +29,7 @@ from hybrid_dynamics.loop.further import plainer_forms
 from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.nearer import links_nearer
 from hybrid_dynamics.loop.one_for_two import two_for_one
-from hybrid_dynamics.loop.trace import Judge, covers, same_place
+from hybrid_dynamics.loop.trace import Judge, covers, elsewhere, same_place
 from hybrid_dynamics.loop.weighing import as_left
 from hybrid_dynamics.robots import Robot
 
@@ -58,15 +58,17 @@ def known_and_beside(
         least = _least_known(judge, names, effects, fixed)
         if least is None:
             settled = with_links(judge, names, beside, candidates, fixed)
-            judge, apart = two_for_one(*settled)
+            judge, apart = two_for_one(*settled, fixed)
             if apart == settled[1]:
                 return settled
-            names = apart
+            # What lost its name to the links is asked once more, beside the two.
+            names = [t for t in names if t in apart or t not in settled[1]]
+            names += [t for t in apart if not any(same_place(t, o) for o in names)]
             continue
         found |= _size(least, effects[names.index(least)])
         names.remove(least)
         if least.family().everywhere:
-            unsure.append(least)
+            unsure = [*elsewhere(unsure, [least]), least]
 
 
 def _size(term: Term, effect: Effect) -> dict[tuple[Any, ...], float]:

@@ -8,13 +8,14 @@ Where they do not say which, the one cause stands with the middle of what may ho
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.stats import t as student
 
 from hybrid_dynamics.effects import Term, family
+from hybrid_dynamics.effects.base import ONLY_RUN
 from hybrid_dynamics.effects.sign import AT_REST, MIDDLE
 from hybrid_dynamics.loop.evidence import Evidence
 from hybrid_dynamics.loop.further import first_as_good
@@ -22,7 +23,7 @@ from hybrid_dynamics.loop.likeness import Likeness
 from hybrid_dynamics.loop.prune import impossible
 from hybrid_dynamics.loop.resting import rests
 from hybrid_dynamics.loop.search import take
-from hybrid_dynamics.loop.trace import Judge, same_place
+from hybrid_dynamics.loop.trace import Judge, covers, same_place
 from hybrid_dynamics.types import Array
 
 
@@ -50,19 +51,23 @@ def one_for_two(judge: Judge, chosen: Sequence[Term]) -> tuple[Judge, list[Term]
     return judge, out
 
 
-def two_for_one(judge: Judge, names: Sequence[Term], beside: Sequence[Term]) -> tuple[Judge, list[Term]]:
+def two_for_one(
+    judge: Judge, names: Sequence[Term], beside: Sequence[Term], fixed: Collection[Term] = ()
+) -> tuple[Judge, list[Term]]:
     """``names`` with two plain effects in the place of one that is equivalent to them and cannot be: estimated next to
     what stands ``beside`` the names, its numbers are others than those by which it was named. With the judge who has
-    the columns."""
+    the columns. Nothing ``fixed``, nor what the starting model has, nor what is a run's own."""
     out = list(names)
     for one in impossible(judge, [*names, *beside]):
         pairs = [alike.effects for alike in one.family().equivalent_to if len(alike.effects) > 1]
         plain = [pair for pair in pairs if all(family(e).everywhere for e in pair)]
-        if one in names and one.joint is not None and plain and not judge.evidence.in_base(one):
-            settings = tuple((key, value) for key, value in one.settings if key != AT_REST)
-            two = [Term(e, one.joint, settings if e in one.family().contains else ()) for e in plain[0]]
-            at = out.index(one)
-            out[at : at + 1] = [t for t in two if not any(same_place(t, o) for o in out)]
+        kept = one not in names or one in fixed or judge.evidence.in_base(one) or ONLY_RUN in one.options
+        if kept or one.joint is None or not plain:
+            continue
+        settings = tuple((key, value) for key, value in one.settings if key != AT_REST)
+        two = [Term(e, one.joint, settings if e in one.family().contains else ()) for e in plain[0]]
+        at, rest = out.index(one), [t for t in out if t != one]
+        out[at : at + 1] = [t for t in two if not any(same_place(t, o) or covers(o, t) for o in rest)]
     return judge.adding(out), out
 
 
@@ -76,7 +81,7 @@ def friction_for_offset(judge: Judge, chosen: Sequence[Term], candidates: Sequen
     judge = judge.at(out)
     for term in chosen:
         own = [t for t in (*out, *judge.evidence.problem.base_places) if t.joint == term.joint]
-        rough = any(t.family().is_friction and t.family().turns_sign for t in own)
+        rough = any(t.family().is_friction and not t.family().viscous_powers for t in own)
         if not term.family().like_weight or not term.family().everywhere or rough or judge.evidence.in_base(term):
             continue
         dry = [c for c in candidates if c.joint == term.joint and c.family().everywhere and c.family().turns_sign]

@@ -67,7 +67,7 @@ def physical_constraints(
                 least.append(min(-float(within @ own), 0.0))
 
     def started(joint: int, speeds: Array, kind: Callable[[Term], bool], unit: Callable[[Term, Array], Array]) -> Array:
-        own = [unit(s, speeds) @ x for s, x in base.items() if s.joint == joint and kind(s)]
+        own = [np.array([row @ x for row in unit(s, speeds)]) for s, x in base.items() if s.joint == joint and kind(s)]
         return np.asarray(sum(own, np.zeros(len(speeds))))
 
     def oppose(joint: int, speeds: Array, kind: Callable[[Term], bool], unit: Callable[[Term, Array], Array]) -> None:
