@@ -98,7 +98,7 @@ def plain_instead(judge: Judge, chosen: Sequence[Term], candidates: Sequence[Ter
             trial = [c if t == term else t for t in out]
             entry = evidence.held(trial, physical=True).score, repr(c), trial
             best[c.place] = min(best.get(c.place, entry), entry)
-        judge, out = first_as_good(judge, out, [trial for _, _, trial in sorted(best.values())])
+        judge, out = first_as_good(judge, out, [trial for _, _, trial in sorted(best.values())], certain=True)
     return judge, out
 
 

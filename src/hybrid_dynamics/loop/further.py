@@ -258,10 +258,15 @@ def simplify_bodies(judge: Judge, chosen: Sequence[Term], candidates: Sequence[T
 
 
 def first_as_good(
-    judge: Judge, chosen: list[Term], trials: Sequence[list[Term]], candidates: Sequence[Term] | None = None
+    judge: Judge,
+    chosen: list[Term],
+    trials: Sequence[list[Term]],
+    candidates: Sequence[Term] | None = None,
+    certain: bool = False,
 ) -> tuple[Judge, list[Term]]:
     """The first of ``trials`` that is as good as ``chosen`` where its own re-fit stands, else ``chosen``; and the judge
-    there. Of the friction in ``candidates``: that are not too few for it, either (:func:`.widen.too_few`)."""
+    there. Of the friction in ``candidates``: that are not too few for it, either (:func:`.widen.too_few`). ``certain``:
+    also a loss that is too small to matter counts where it is surely there."""
     for trial in trials:
         there = take(judge, chosen, trial)
         if there is None:
@@ -269,6 +274,9 @@ def first_as_good(
         there = there.adding(chosen)
         own, full = (there.evidence.held(terms, physical=True) for terms in (trial, chosen))
         good = there.as_good(own, full) and there.spares(own, full)
+        if certain:
+            loss = there.gain(own, full, full)
+            good = good and -loss.total <= loss.error
         good = good and (candidates is None or not too_few(there, trial, chosen, candidates))
         if good and not any(t not in chosen for t in impossible(there, trial)):
             return there, trial

@@ -93,7 +93,7 @@ def friction_for_offset(judge: Judge, chosen: Sequence[Term], candidates: Sequen
         likeness = Likeness(evidence, term, evidence.fit(out)[start : start + term.size])
         # How its sign turns over is not in these rows: that which does not is nearest to what was found.
         likest = max(dry, key=lambda c: (likeness.share(c), repr(c)))
-        judge, out = first_as_good(judge, out, [[likest if t == term else t for t in out]])
+        judge, out = first_as_good(judge, out, [[likest if t == term else t for t in out]], certain=True)
     return judge, out
 
 
