@@ -135,11 +135,7 @@ def _judged(spectra: Sequence[_Spectra], cutoff: float, moving: NDArray[np.bool_
     rows = 0.0
     for s in spectra:
         own = min(cutoff, s.asked)
-        low_pass = 1.0 / (1.0 + (s.f / own) ** 8)
-        kernel = hann_kernel(1.0 / own, s.dt)
-        half = len(kernel) // 2
-        window = np.array([np.cos(2 * np.pi * s.dt * f * np.arange(-half, half + 1)) @ kernel for f in s.f]) ** 2
-        seen, gone = window * low_pass**2, window * (1.0 - low_pass) ** 2
+        seen, gone, window = seen_through(s.f, own, s.dt)
         parts = (seen @ s.noise, seen @ s.inertia, gone @ s.felt, window.sum() * s.sensor)
         sums[:4] += s.duration * (s.f[1] - s.f[0]) * np.array(parts)
         sums[4] += s.duration * s.torque
@@ -150,6 +146,17 @@ def _judged(spectra: Sequence[_Spectra], cutoff: float, moving: NDArray[np.bool_
     gain = rows * float(np.sum(share * noise / np.maximum(noise + sensor, 1e-300)))
     loud = bool(np.any(noise > np.maximum(_LOUD**2 * torque, sensor)))
     return _Judged(gain, float(share.max()), float((lost / inertia).max()), loud)
+
+
+def seen_through(f: Array, cutoff: float, dt: float) -> tuple[Array, Array, Array]:
+    """At frequencies ``f`` (F,) [Hz] the shares of a motion's power that pass both filters, the motion's low-pass at
+    ``cutoff`` [Hz] and the window that torque and columns pass, too; that the window passes and the low-pass keeps
+    back; that the window passes."""
+    low_pass = 1.0 / (1.0 + (f / cutoff) ** 8)
+    kernel = hann_kernel(1.0 / cutoff, dt)
+    half = len(kernel) // 2
+    window = np.array([np.cos(2 * np.pi * dt * at * np.arange(-half, half + 1)) @ kernel for at in f]) ** 2
+    return window * low_pass**2, window * (1.0 - low_pass) ** 2, window
 
 
 def _spectra(robot: Robot, run: Trajectory, heard: Heard, asked: float) -> _Spectra:

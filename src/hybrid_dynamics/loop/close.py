@@ -29,6 +29,7 @@ from hybrid_dynamics.loop.prepare import Logs, gather, read_motion, resolution
 from hybrid_dynamics.loop.process import Run, process
 from hybrid_dynamics.loop.search import Step
 from hybrid_dynamics.loop.settings import LoopSettings
+from hybrid_dynamics.loop.speeds import truer_speeds
 from hybrid_dynamics.loop.spoiled import spoiled
 from hybrid_dynamics.loop.standing import beyond_friction
 from hybrid_dynamics.loop.stretches import spread
@@ -123,7 +124,10 @@ def _close(
     progress(0.0, "looking at the logs")
     plausible = checked(base, learned_from, asked)
     share = 1.0 if plausible.test else _LEAST_HELD_OUT * settings.held_out_share
-    processed, told = narrowed(base.completed_robot, plausible.train, settings.process, plausible.test, share)
+    robot_now = base.completed_robot
+    first, second, of_speeds = truer_speeds(robot_now, plausible.train, plausible.test, settings.process, share)
+    plausible = replace(plausible, train=first, test=second)
+    processed, told = narrowed(robot_now, first, settings.process, second, share)
     settings = replace(settings, process=processed)
     given = base
     if any(family(d.effect).turns_sign for d in described):
@@ -164,6 +168,7 @@ def _close(
         *long_too,
         *plausible.notes,
         *(f.line for f in by_model),
+        *of_speeds,
         *told,
         *logs.notes,
         *searched.notes,

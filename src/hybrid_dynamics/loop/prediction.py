@@ -20,6 +20,7 @@ from hybrid_dynamics.effects import family
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel
+from hybrid_dynamics.loop.speeds import own_speeds
 from hybrid_dynamics.loop.uncertainty import Uncertainty
 from hybrid_dynamics.readers.glitches import repair, told
 from hybrid_dynamics.readers.resample import NO_STRETCH, resample
@@ -100,7 +101,8 @@ def predict(
     """The torque ``model`` predicts along ``log`` (``q``, ``dq`` where it has it; its torque is only compared with).
 
     ``log`` has its own stamps, even or not. Single samples that stand alone are left out (interpolated) and told, as
-    the loop leaves them out: one of them would spread over a filter's window. ``settings``: by default the bandwidth
+    the loop leaves them out: one of them would spread over a filter's window; so is a ``dq`` that is worse than the
+    derivative of ``q`` (:mod:`.speeds`). ``settings``: by default the bandwidth
     that the model was found at (:attr:`.Model.cutoff`). Whether the log can be of this robot is not asked here but by
     :func:`hybrid_dynamics.check.checked_log`, as the command does first. With ``parts`` the share of each effect is
     told, in the order of the model; with ``uncertainty`` the band. Raises :class:`InputError` where the log does not
@@ -124,6 +126,9 @@ def predict(
     if not pieces:
         raise InputError(f"log {log.name}: {NO_STRETCH}")
     settings = settings or (ProcessSettings() if model.cutoff is None else ProcessSettings(cutoff=model.cutoff))
+    pieces, speeds = own_speeds(pieces, settings)
+    if speeds is not None and notify is not None:
+        notify(f"{log.name}: {speeds.line(model.robot.joint_names)}")
     shape = log["q"].shape
     tau, smooth = np.full(shape, np.nan), np.full(shape, np.nan)
     shares = {name: np.full(shape, np.nan) for name in (_names(model) if parts else ())}

@@ -104,6 +104,13 @@ def derivative(x: Array, dt: float) -> Array:
     return out
 
 
+def zero_phase(x: Array, cutoff: float, dt: float) -> Array:
+    """The motion's low-pass: ``x`` (T, n), sampled every ``dt`` [s], up to ``cutoff`` [Hz], nothing delayed."""
+    trim = int(np.ceil(END_PERIODS / cutoff / dt))
+    sections = butter(4, cutoff, fs=1.0 / dt, output="sos")
+    return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=min(3 * trim, len(x) - 1)))
+
+
 def thinned(rate: float, motion_rate: float, row_rate: float) -> tuple[int, int]:
     """How many samples become one state, and how many states one row, of a log sampled at ``rate`` [Hz].
 
@@ -149,13 +156,8 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
             f"run {trajectory.name}: lasts {trajectory.time[-1] - trajectory.time[0]:.2f} s at {rate:.0f} Hz; "
             f"expected at least {2 * trim * dt + 0.5:.1f} s; record longer runs, or hold out whole runs with --test"
         )
-    low_pass = butter(4, cutoff, fs=rate, output="sos")
-
-    def zero_phase(x: Array) -> Array:
-        return np.asarray(sosfiltfilt(low_pass, x, axis=0, padlen=min(3 * trim, len(x) - 1)))
-
-    q = zero_phase(trajectory["q"])
-    dq = zero_phase(trajectory["dq"]) if "dq" in trajectory else derivative(q, dt)
+    q = zero_phase(trajectory["q"], cutoff, dt)
+    dq = zero_phase(trajectory["dq"], cutoff, dt) if "dq" in trajectory else derivative(q, dt)
     ddq = derivative(dq, dt)
     kernel = hann_kernel(1.0 / cutoff, dt)
     half = len(kernel) // 2

@@ -21,6 +21,7 @@ from hybrid_dynamics.effects import Effect, Motion, Term, family
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.loop.model import Model, effect_from_json, effect_to_json
 from hybrid_dynamics.loop.process import ProcessSettings, Run, derivative, process
+from hybrid_dynamics.loop.speeds import own_speeds
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.simulation.references import derive_seed
 from hybrid_dynamics.study.plausible import plausible
@@ -161,8 +162,11 @@ def add_effects(base: Model, effects: Sequence[Effect], logs: Sequence[Trajector
 
 
 def motion_of(log: Trajectory, settings: ProcessSettings | None = None) -> tuple[Array, Array, Array]:
-    """``q dq ddq`` (T, n) of a log at the loop's bandwidth, filtered as :func:`process` does, every row kept."""
+    """``q dq ddq`` (T, n) of a log at the loop's bandwidth, filtered as :func:`process` does, every row kept.
+
+    The speeds are those that the loop would take (:mod:`~hybrid_dynamics.loop.speeds`)."""
     settings = settings or ProcessSettings()
+    (log,), _ = own_speeds([log], settings)
     low_pass = butter(4, min(settings.cutoff, settings.cutoff_share / log.dt), fs=1 / log.dt, output="sos")
     q = sosfiltfilt(low_pass, log["q"], axis=0)
     dq = sosfiltfilt(low_pass, log["dq"], axis=0) if "dq" in log else derivative(q, log.dt)
