@@ -141,7 +141,9 @@ def predict(
         inside[rows] = (log.time[rows] > piece.time[0] + reach) & (log.time[rows] < piece.time[-1] - reach)
         states = whole_states(piece, settings)
         low_pass = _smoother(piece, settings)
-        put = _back_to(piece.time, log.time[rows])
+        # Samples that were left as they are belong to their rows, whatever the recorded stamps say.
+        kept = len(rows) == len(piece.time) and np.array_equal(piece["q"], log["q"][rows])
+        put = np.asarray if kept else _back_to(piece.time, log.time[rows])
         tau[rows] = put(low_pass(model.predict(*states, piece.time)))
         if "tau" in piece:
             smooth[rows] = put(low_pass(piece["tau"]))

@@ -3,6 +3,9 @@
 A logger that polls a controller writes down when it asked, not when the sample was taken: stamps jitter by a
 controller's period, samples are repeated and skipped. Where position and velocity were sampled together they know
 better: q[k+1] - q[k] = (dq[k] + dq[k+1]) / 2 * (number of ticks) * tick, and the number is whole.
+
+A logger that waits for messages writes down when they came: the samples were taken evenly. The positions tell, since an
+arm has no jitter: of the clocks that are possible the true one makes them smooth.
 """
 
 from __future__ import annotations
@@ -19,11 +22,46 @@ SLOW = 0.03
 WHOLE = 0.2
 #: Least share of the steps in motion that must come out whole.
 FEWEST_WHOLE = 0.9
+#: Share of the mean square of accelerations, by differences of positions, that another clock may leave to be the true
+#: one: then at least half of it was made by the stamps.
+SMOOTHER = 0.5
+#: Steps of a joint's positions [rad, m] beyond which it moves.
+MOVES = 0.01
 
 
 def even_stamps(time: Array) -> Array:
     """Stamps (T,) [s] of an even clock from the first to the last one."""
     return np.linspace(time[0], time[-1], len(time))
+
+
+def ticked_stamps(time: Array) -> Array:
+    """Stamps (T,) [s] of an even clock of which some samples were lost: every step takes a whole number of ticks."""
+    steps = np.diff(time)
+    ticks = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(steps / np.median(steps)), 1.0))])
+    return np.asarray(time[0] + (time[-1] - time[0]) * ticks / ticks[-1])
+
+
+def truer_stamps(time: Array, q: Array) -> Array:
+    """Stamps (T,) [s] at which the positions ``q`` (T, n) [rad] were taken: the recorded ones ``time`` (T,), or those of
+    an even clock, with samples lost or not, where these are by far smoother (:data:`SMOOTHER`, over all joints)."""
+    moving = np.ptp(q, axis=0) > MOVES
+    if len(time) < 4 or not moving.any():
+        return time
+    recorded = _roughness(time, q[:, moving])
+    best, least = time, np.log(SMOOTHER)
+    for stamps in (even_stamps(time), ticked_stamps(time)):
+        # Joints count alike, however fast they are.
+        gain = float(np.mean(np.log(_roughness(stamps, q[:, moving]) / recorded)))
+        if gain < least:
+            best, least = stamps, gain
+    return best
+
+
+def _roughness(time: Array, q: Array) -> Array:
+    """(n,) mean square [(rad/s^2)^2] of the second divided differences of ``q`` (T, n) at ``time`` (T,)."""
+    speed = np.diff(q, axis=0) / np.diff(time)[:, None]
+    span = 0.5 * (time[2:] - time[:-2])
+    return np.maximum(np.mean((np.diff(speed, axis=0) / span[:, None]) ** 2, axis=0), 1e-300)
 
 
 def stamps_from_velocity(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hybrid_dynamics.errors import require
+from hybrid_dynamics.readers.clock import truer_stamps
 from hybrid_dynamics.readers.jumps import TWO_RUNS, find_jumps, stretches_between
 from hybrid_dynamics.trajectory import Trajectory, instant
 from hybrid_dynamics.types import Array, Notify
@@ -71,7 +72,8 @@ def resample(
     """``trajectory`` (strictly increasing stamps) on a uniform grid; several parts where gaps are too long.
 
     So it is where positions jump (:mod:`.jumps`). A run in one part keeps its name; parts are called ``name.part1``,
-    ``name.part2`` ... ``notify`` is told the grid, every gap and every jump.
+    ``name.part2`` ... Where the positions say that the samples are of an even clock and the stamps are not
+    (:func:`.clock.truer_stamps`), they are taken as even. ``notify`` is told the grid, every gap and every jump.
     """
     settings = settings or ResampleSettings()
     tell = notify or (lambda message: None)
@@ -118,12 +120,21 @@ def _without_jumps(trajectory: Trajectory, first: int, last: int, tell: Notify) 
 
 
 def _on_grid(trajectory: Trajectory, dt: float, settings: ResampleSettings, tell: Notify) -> Trajectory:
+    even = _if_uniform(trajectory, trajectory.time, settings)
+    if even is not None:
+        return even
     time = trajectory.time
-    uniform = uniform_step(time, settings)
-    if uniform is not None and (not settings.dt or abs(uniform / settings.dt - 1) < settings.uniform_tolerance):
-        # Rounded stamps of an even clock: the clock is the better time, the values stay as recorded.
-        grid = time[0] + uniform * np.arange(len(time))
-        return Trajectory(trajectory.name, trajectory.split, grid, trajectory.signals)
+    if "q" in trajectory and not settings.dt:
+        time = truer_stamps(time, trajectory["q"])
+    if time is not trajectory.time:
+        dt, off = float(np.median(np.diff(time))), float(np.abs(time - trajectory.time).max())
+        tell(
+            f"{trajectory.name}: the positions are smooth at the stamps of an even clock of {1 / dt:.6g} Hz, and not at "
+            f"the recorded ones, which are off by up to {1e3 * off:.2g} ms: the samples are taken as even"
+        )
+        even = _if_uniform(trajectory, time, settings)
+        if even is not None:
+            return even
     steps = np.diff(time)
     grid = time[0] + dt * np.arange(int(np.floor((time[-1] - time[0]) / dt + 1e-9)) + 1)
     filled = int(np.sum(steps > 1.5 * np.median(steps)))
@@ -137,3 +148,13 @@ def _on_grid(trajectory: Trajectory, dt: float, settings: ResampleSettings, tell
     values = CubicSpline(time, stacked)(grid)
     pieces = np.split(values, len(names), axis=1)
     return Trajectory(trajectory.name, trajectory.split, grid, dict(zip(names, pieces, strict=True)))
+
+
+def _if_uniform(trajectory: Trajectory, time: Array, settings: ResampleSettings) -> Trajectory | None:
+    """``trajectory`` at stamps ``time`` where these are uniform but for rounding, and as far apart as is asked for."""
+    uniform = uniform_step(time, settings)
+    if uniform is None or (settings.dt and abs(uniform / settings.dt - 1) >= settings.uniform_tolerance):
+        return None
+    # Rounded stamps of an even clock: the clock is the better time, the values stay as recorded.
+    grid = time[0] + uniform * np.arange(len(time))
+    return Trajectory(trajectory.name, trajectory.split, grid, trajectory.signals)
