@@ -42,8 +42,8 @@ def ticked_stamps(time: Array) -> Array:
 
 
 def truer_stamps(time: Array, q: Array) -> Array:
-    """Stamps (T,) [s] at which the positions ``q`` (T, n) [rad] were taken: the recorded ones ``time`` (T,), or those of
-    an even clock, with samples lost or not, where these are by far smoother (:data:`SMOOTHER`, over all joints)."""
+    """Stamps (T,) [s] at which the positions ``q`` (T, n) [rad] were taken: the recorded ones ``time`` (T,), or those
+    of an even clock, with samples lost or not, where these are by far smoother (:data:`SMOOTHER`, over all joints)."""
     moving = np.ptp(q, axis=0) > MOVES
     if len(time) < 4 or not moving.any():
         return time
@@ -61,7 +61,7 @@ def _roughness(time: Array, q: Array) -> Array:
     """(n,) mean square [(rad/s^2)^2] of the second divided differences of ``q`` (T, n) at ``time`` (T,)."""
     speed = np.diff(q, axis=0) / np.diff(time)[:, None]
     span = 0.5 * (time[2:] - time[:-2])
-    return np.maximum(np.mean((np.diff(speed, axis=0) / span[:, None]) ** 2, axis=0), 1e-300)
+    return np.asarray(np.maximum(np.mean((np.diff(speed, axis=0) / span[:, None]) ** 2, axis=0), 1e-300))
 
 
 def stamps_from_velocity(
