@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.types import Array, Notify
@@ -25,6 +26,10 @@ FEWEST_WHOLE = 0.9
 #: Share of the mean square of accelerations, by differences of positions, that another clock may leave to be the true
 #: one: then at least half of it was made by the stamps.
 SMOOTHER = 0.5
+#: Relative difference up to which two clocks are as smooth; steps by which one may go astray from recorded stamps.
+AS_SMOOTH, ASTRAY = 0.1, 2.0
+#: Samples for which a clock is even that wanders.
+FOR_A_WHILE = 25
 #: Steps of a joint's positions [rad, m] beyond which it moves.
 MOVES = 0.01
 
@@ -41,20 +46,30 @@ def ticked_stamps(time: Array) -> Array:
     return np.asarray(time[0] + (time[-1] - time[0]) * ticks / ticks[-1])
 
 
+def smoothed_stamps(time: Array) -> Array:
+    """Stamps (T,) [s] of a clock that is even for a while: ``time`` (T,) behind a moving straight line."""
+    return np.asarray(savgol_filter(time, min(FOR_A_WHILE, 2 * ((len(time) - 1) // 2) + 1), 1))
+
+
 def truer_stamps(time: Array, q: Array) -> Array:
     """Stamps (T,) [s] at which the positions ``q`` (T, n) [rad] were taken: the recorded ones ``time`` (T,), or those
-    of an even clock, with samples lost or not, where these are by far smoother (:data:`SMOOTHER`, over all joints)."""
+    of an even clock, with samples lost or not, or of one that is even for a while, where these are by far smoother
+    (:data:`SMOOTHER`, over all joints). Of those that are as smooth the plainest, as long as it stays by the recorded.
+    """
     moving = np.ptp(q, axis=0) > MOVES
     if len(time) < 4 or not moving.any():
         return time
-    recorded = _roughness(time, q[:, moving])
-    best, least = time, np.log(SMOOTHER)
-    for stamps in (even_stamps(time), ticked_stamps(time)):
-        # Joints count alike, however fast they are.
-        gain = float(np.mean(np.log(_roughness(stamps, q[:, moving]) / recorded)))
-        if gain < least:
-            best, least = stamps, gain
-    return best
+    recorded, step = _roughness(time, q[:, moving]), float(np.median(np.diff(time)))
+    clocks = []
+    for stamps in (even_stamps(time), ticked_stamps(time), smoothed_stamps(time)):
+        off = stamps - time
+        if np.all(np.diff(stamps) > 0) and np.abs(off - np.median(off)).max() <= ASTRAY * step:
+            # Joints count alike, however fast they are.
+            clocks.append((float(np.mean(np.log(_roughness(stamps, q[:, moving]) / recorded))), stamps))
+    best = min((gain for gain, _ in clocks), default=0.0)
+    if best >= np.log(SMOOTHER):
+        return time
+    return next(stamps for gain, stamps in clocks if gain <= best + AS_SMOOTH)
 
 
 def _roughness(time: Array, q: Array) -> Array:
