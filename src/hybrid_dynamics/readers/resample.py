@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.readers.clock import truer_stamps
 from hybrid_dynamics.readers.jumps import TWO_RUNS, find_jumps, stretches_between
+from hybrid_dynamics.readers.repeats import without_repeats
 from hybrid_dynamics.trajectory import Trajectory, instant
 from hybrid_dynamics.types import Array, Notify
 
@@ -72,11 +73,13 @@ def resample(
     """``trajectory`` (strictly increasing stamps) on a uniform grid; several parts where gaps are too long.
 
     So it is where positions jump (:mod:`.jumps`). A run in one part keeps its name; parts are called ``name.part1``,
-    ``name.part2`` ... Where the positions say that the samples are of an even clock and the stamps are not
-    (:func:`.clock.truer_stamps`), they are taken as even. ``notify`` is told the grid, every gap and every jump.
+    ``name.part2`` ... Rows that a logger wrote twice are left out (:mod:`.repeats`). Where the positions say that the
+    samples are of an even clock and the stamps are not (:func:`.clock.truer_stamps`), they are taken as even.
+    ``notify`` is told the grid, every gap and every jump.
     """
     settings = settings or ResampleSettings()
     tell = notify or (lambda message: None)
+    trajectory = without_repeats(trajectory, tell)
     cuts = find_gaps(trajectory.time, settings)
     bounds = np.concatenate([[0], cuts + 1, [len(trajectory.time)]])
     dt = settings.dt or round(float(np.median(np.diff(trajectory.time))), 9)
