@@ -292,6 +292,7 @@ CASES: list[Case] = [
     Case("time goes back", CHECK, frame(lambda t: t.iloc[np.r_[0:400, 300:1200]])),
     Case("time repeats", CHECK, frame(lambda t: t.iloc[np.r_[0:400, 399:1200]])),
     Case("time stands still", CHECK, frame(lambda t: t.assign(time=0.0))),
+    Case("stamps coarser than the samples", CHECK, frame(lambda t: t.assign(time=(t["time"] / 0.02).round() * 0.02))),
     Case("time is a date", CHECK, put("time", 50, "2024-05-01 12:00:00")),
     Case("five rows", CHECK, frame(lambda t: t.iloc[:5])),
     Case("half a second", CHECK, frame(lambda t: t.iloc[:110])),

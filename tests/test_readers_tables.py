@@ -159,13 +159,26 @@ def scale_time(text: str) -> str:
     return "\n".join([head, *(f"{float(r.split(',')[0]) * 1000},{r.split(',', 1)[1]}" for r in rows)]) + "\n"
 
 
+def round_time(step: float) -> Callable[[str], str]:
+    """Stamps in whole steps of ``step`` [s]."""
+
+    def edit(text: str) -> str:
+        head, *rows = text.splitlines()
+        stamps = (round(float(r.split(",")[0]) / step) * step for r in rows)
+        return "\n".join([head, *(f"{t:g},{r.split(',', 1)[1]}" for t, r in zip(stamps, rows, strict=True))]) + "\n"
+
+    return edit
+
+
 BAD: dict[str, tuple[Callable[[str], str], list[str]]] = {
     "nan": (change(12, 3, "nan"), ["column 'q2'", "row 12", "'nan'", "finite number"]),
     "empty field": (change(12, 3, ""), ["column 'q2'", "row 12", "nothing"]),
     "infinity": (change(7, 7, "inf"), ["column 'tau2'", "row 7"]),
     "text": (change(250, 6, "broken"), ["column 'tau1'", "row 250", "'broken'", "expected a finite number"]),
     "text in time": (change(5, 1, "12:00:01"), ["column 'time'", "row 5", "'12:00:01'"]),
-    "repeated stamp": (change(52, 1, "0.49"), ["column 'time'", "row 52", "repeats", "strictly increasing"]),
+    "repeated stamp": (change(52, 1, "0.49"), ["column 'time'", "row 52", "repeats", "remove duplicates"]),
+    "coarse stamps": (round_time(0.02), ["repeats", "coarser than the samples", "clock: even"]),
+    "stamps in 32 bits": (round_time(128.0), ["repeats", "coarser than the samples", "32 bits"]),
     "unsorted": (swap_rows, ["column 'time'", "row 102", "goes back", "strictly increasing"]),
     "truncated": (lambda text: text[: -len(text) // 3], ["row ", "truncated", "expected 7"]),
     "row too short": (change(40, 7, "1.0\n0.5,1"), ["row 41 has 2 columns", "expected 7"]),

@@ -26,6 +26,8 @@ from hybrid_dynamics.types import Array, Notify
 LAYOUT = "time,q1..qn[,dq1..dqn],tau1..taun"
 #: Suffixes of tables of text.
 TEXT = (".csv", ".txt", ".tsv", ".dat")
+#: Share of the steps that are none from which on it is the stamps that are coarse.
+COARSE_STAMPS = 0.05
 MAX_STEP = 0.5
 SUSPICIOUS_ANGLE = 30.0
 #: A log of few samples is too slow rather than too short below this rate [Hz].
@@ -287,6 +289,16 @@ def _number(text: str | None) -> float:
         return float("nan")
 
 
+def _cure_of_stamps(steps: Array) -> str:
+    """What helps against stamps whose ``steps`` (T - 1,) [s] are not all positive."""
+    if (steps < 0).any() or np.mean(steps == 0) < COARSE_STAMPS:
+        return "sort the rows and remove duplicates"
+    coarse = "the stamps are coarser than the samples: log them finer"
+    if np.mean(steps == 0) > 1 - COARSE_STAMPS:
+        return f"{coarse} (seconds since the run began; 32 bits hold no seconds since 1970)"
+    return f"{coarse}, or say that the samples are even: --log log.yaml with the line clock: even"
+
+
 def check_time(time: Array, file: str | os.PathLike[str], first_row: int) -> None:
     """Raise :class:`InputError` unless ``time`` (T,) increases, by steps that may be seconds."""
     steps = np.diff(time)
@@ -297,7 +309,7 @@ def check_time(time: Array, file: str | os.PathLike[str], first_row: int) -> Non
         more = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
         raise InputError(
             f"{file}: column 'time', row {k + 1 + first_row}: {time[k + 1]:.9g} s {fault} {time[k]:.9g} s of the row "
-            f"before{more}; expected strictly increasing time stamps: sort the rows and remove duplicates"
+            f"before{more}; expected strictly increasing time stamps: {_cure_of_stamps(steps)}"
         )
     step = float(np.median(steps))
     if step > MAX_STEP:
