@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -97,12 +99,28 @@ def test_samples_that_are_taken_as_even_stay_as_they_are_and_it_is_said() -> Non
     np.testing.assert_array_equal(part["q"], run["q"])
     np.testing.assert_array_equal(part["tau"], run["tau"])
     assert len(lines) == 1
-    assert "the samples are taken as its own" in lines[0]
+    assert "the samples are taken as that clock's" in lines[0]
     # Control: the same stamps of samples that were taken then.
     (other,) = resample(log(run.time, run.time), None, lines.append)
     assert "resampled to" in lines[1]
     assert len(lines) == 2
     assert other.dt == pytest.approx(float(np.median(np.diff(run.time))), rel=1e-6)
+
+
+def test_a_prediction_along_a_clock_that_wanders_is_that_of_the_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    rate = 1.0 + 0.04 * np.sign(np.sin(2 * np.pi * np.arange(ROWS) / ROWS))
+    true = STEP * np.cumsum(rate)
+    model = Model(arm())
+
+    def rms(x: Array) -> float:
+        return float(np.sqrt(np.mean(x[100:-100] ** 2)))
+
+    truth, late = (predict(model, log(stamps, true)).tau for stamps in (true, received(true, 0.5)))
+    assert rms(late - truth) < 0.02 * rms(truth)
+    # Control: at the recorded stamps noise of theirs is most of what accelerates.
+    for module in ("loop.prediction", "readers.resample"):
+        monkeypatch.setattr(sys.modules[f"hybrid_dynamics.{module}"], "truer_stamps", lambda time, q: time)
+    assert rms(predict(model, log(received(true, 0.5), true)).tau - truth) > 0.1 * rms(truth)
 
 
 def test_a_prediction_of_late_stamps_belongs_to_the_rows_of_the_log() -> None:

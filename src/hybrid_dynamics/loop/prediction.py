@@ -22,8 +22,9 @@ from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.process import END_PERIODS, ProcessSettings, derivative, hann_kernel
 from hybrid_dynamics.loop.speeds import own_speeds
 from hybrid_dynamics.loop.uncertainty import Uncertainty
+from hybrid_dynamics.readers.clock import truer_stamps
 from hybrid_dynamics.readers.glitches import repair, told
-from hybrid_dynamics.readers.resample import NO_STRETCH, resample
+from hybrid_dynamics.readers.resample import NO_STRETCH, ResampleSettings, resample, uniform_step
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
 
@@ -141,9 +142,7 @@ def predict(
         inside[rows] = (log.time[rows] > piece.time[0] + reach) & (log.time[rows] < piece.time[-1] - reach)
         states = whole_states(piece, settings)
         low_pass = _smoother(piece, settings)
-        # Samples that were left as they are belong to their rows, whatever the recorded stamps say.
-        kept = len(rows) == len(piece.time) and np.array_equal(piece["q"], log["q"][rows])
-        put = np.asarray if kept else _back_to(piece.time, log.time[rows])
+        put = _back_to(piece.time, _instants(piece, log.rows(rows)))
         tau[rows] = put(low_pass(model.predict(*states, piece.time)))
         if "tau" in piece:
             smooth[rows] = put(low_pass(piece["tau"]))
@@ -235,8 +234,16 @@ def _smoother(piece: Trajectory, settings: ProcessSettings) -> Callable[[Array],
     return smooth
 
 
+def _instants(piece: Trajectory, log: Trajectory) -> Array:
+    """When the samples of ``log`` were taken that ``piece`` was made of: (T,) [s], as its reader has it."""
+    if len(piece.time) == len(log.time) and np.array_equal(piece["q"], log["q"]):
+        return piece.time
+    uneven = uniform_step(log.time, ResampleSettings()) is None
+    return truer_stamps(log.time, log["q"]) if uneven else log.time
+
+
 def _back_to(grid: Array, stamps: Array) -> Callable[[Array], Array]:
-    """From values on the even ``grid`` to the log's own ``stamps``."""
+    """From values on the even ``grid`` to those at ``stamps``."""
     if len(grid) == len(stamps) and np.abs(grid - stamps).max() < 0.05 * float(np.median(np.diff(grid))):
         return lambda x: np.asarray(x)
     inside = np.clip(stamps, grid[0], grid[-1])

@@ -132,8 +132,8 @@ def _on_grid(trajectory: Trajectory, dt: float, settings: ResampleSettings, tell
     if time is not trajectory.time:
         dt, off = float(np.median(np.diff(time))), float(np.abs(time - trajectory.time).max())
         tell(
-            f"{trajectory.name}: the positions are smooth at the stamps of an even clock of {1 / dt:.6g} Hz, and not "
-            f"at the recorded ones, which are off by up to {1e3 * off:.2g} ms: the samples are taken as its own"
+            f"{trajectory.name}: the positions are smooth at the ticks of a clock of {1 / dt:.6g} Hz, and not at the "
+            f"recorded stamps, which are off by up to {1e3 * off:.2g} ms: the samples are taken as that clock's"
         )
         even = _if_uniform(trajectory, time, settings)
         if even is not None:
