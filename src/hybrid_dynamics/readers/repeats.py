@@ -30,13 +30,13 @@ def without_repeats(run: Trajectory, notify: Notify | None = None) -> Trajectory
     motion. ``notify`` is told how many."""
     if "q" not in run or len(run.time) < 2 * LONGEST:
         return run
-    changes = np.diff(np.concatenate([run[name] for name in run.signals], axis=1), axis=0) != 0.0
-    same = ~changes.any(axis=1)
-    moving = _moving((np.diff(run["q"], axis=0) != 0.0).any(axis=1))
+    # Signal by signal: a log of an hour fills much of a memory.
+    same = np.all([(x[1:] == x[:-1]).all(axis=1) for x in run.signals.values()], axis=0)
+    moving = _moving((run["q"][1:] != run["q"][:-1]).any(axis=1))
     new = moving & ~same
     if np.sum(same & moving) < REPEATED * max(moving.sum(), 1) or not new.any():
         return run
-    share = changes[new].mean(axis=0)
+    share = np.concatenate([(x[1:][new] != x[:-1][new]).mean(axis=0) for x in run.signals.values()])
     if not np.any(share > STILL) or np.median(share[share > STILL]) < TOGETHER:
         return run
     rows = _kept(same, moving.sum() / new.sum())
