@@ -64,11 +64,28 @@ def test_a_sensor_of_its_own_beside_coarse_positions_is_kept_and_so_is_what_diff
     assert truer_speeds(ROBOT, runs, tests, ASKED) == (runs, tests, [])
 
 
-def test_speeds_that_only_a_test_run_lacks_or_spoils_are_judged_by_the_training_runs() -> None:
-    good, bad = log("difference"), log("late", 2, "test")
-    assert truer_speeds(ROBOT, [good], [bad], ASKED) == ((good,), (bad,), [])
-    bare = noisy_log(HIDDEN, 3, "train", 0.02)
-    assert truer_speeds(ROBOT, [bare], [bad], ASKED) == ((bare,), (bad,), [])
+def test_speeds_that_only_the_test_runs_have_spoilt_are_left_out_there() -> None:
+    bad, bare = log("late", 2, "test"), noisy_log(HIDDEN, 3, "train", 0.02)
+    for train in (log("difference"), bare):
+        learned, tests, told = truer_speeds(ROBOT, [train], [bad], ASKED)
+        assert learned == (train,)
+        assert "dq" not in tests[0]
+        assert len(told) == 1
+        assert told[0].startswith("test runs: ")
+    # Control: good ones stay.
+    good = log("difference", 2, "test")
+    assert truer_speeds(ROBOT, [bare], [good], ASKED) == ((bare,), (good,), [])
+
+
+@pytest.mark.parametrize("still", [0.3, None], ids=["stands", "turns evenly"])
+def test_a_joint_that_does_not_accelerate_says_nothing_of_the_others(still: float | None) -> None:
+    run = log("tachometer", step=COARSE)
+    q, dq = run["q"].copy(), run["dq"].copy()
+    q[:, 1] = np.round((run.time if still is None else still + 0.0 * run.time) / FINE) * FINE
+    dq[:, 1] += (0.0 if still is not None else 1.0) - (run["dq"][:, 1] - 2e-5 * np.sin(50.0 * run.time))
+    found = judged([run.with_signals(q=q, dq=dq)], ASKED)
+    assert found is not None
+    assert not found.worse.any()
 
 
 def test_what_differs_is_the_lag_times_the_jerk() -> None:

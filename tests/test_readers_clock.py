@@ -107,6 +107,35 @@ def test_samples_that_are_taken_as_even_stay_as_they_are_and_it_is_said() -> Non
     assert other.dt == pytest.approx(float(np.median(np.diff(run.time))), rel=1e-6)
 
 
+@pytest.mark.parametrize("lost", [3, 6])
+def test_a_clock_that_wanders_does_not_pass_over_what_was_lost(lost: int) -> None:
+    rate = 1.0 + 0.04 * np.sign(np.sin(2 * np.pi * np.arange(ROWS) / ROWS))
+    true = STEP * np.cumsum(rate)
+    kept = ~np.isin(np.arange(ROWS) % 160, 80 + np.arange(lost))
+    stamps = received(true, 0.5)[kept]
+    found = truer_stamps(stamps, motion(true[kept]))
+    assert np.abs(found - true[kept]).max() <= np.abs(stamps - true[kept]).max() + 1e-9
+
+
+def test_a_rate_that_changes_is_not_smeared() -> None:
+    true = np.cumsum(np.where(np.arange(ROWS) < ROWS // 2, STEP, STEP / 2))
+    stamps = true + 0.1 * STEP * np.random.default_rng(0).random(ROWS)
+    found = truer_stamps(stamps, motion(true))
+    assert np.abs(found - true).max() < 0.2 * STEP
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", ["late", "wanders", "polled"])
+def test_every_row_of_a_log_has_a_prediction(kind: str, seed: int) -> None:
+    rate = 1.0 + 0.04 * np.sign(np.sin(2 * np.pi * np.arange(ROWS) / ROWS))
+    true = STEP * (np.cumsum(rate) if kind == "wanders" else np.arange(ROWS))
+    run = log(received(true, 0.5, seed), true, seed)
+    if kind == "polled":
+        taken = log(true, true, seed).rows(np.minimum(np.floor(np.arange(ROWS) / (1.5 + 2 * seed)), ROWS).astype(int))
+        run = Trajectory("log", "train", true, taken.signals)
+    assert np.isfinite(predict(Model(arm()), run).tau).all()
+
+
 def test_a_prediction_along_a_clock_that_wanders_is_that_of_the_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     rate = 1.0 + 0.04 * np.sign(np.sin(2 * np.pi * np.arange(ROWS) / ROWS))
     true = STEP * np.cumsum(rate)

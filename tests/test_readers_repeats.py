@@ -68,19 +68,33 @@ def test_coarse_converters_repeat_one_joint_at_a_time(joints: int) -> None:
     assert without_repeats(log) is log
 
 
-def test_a_rest_stays_as_long_as_it_lasts_and_is_no_repetition() -> None:
+@pytest.mark.parametrize("rest", [3, 20, 80, 1000])
+@pytest.mark.parametrize("hold", [1, 4])
+def test_rests_stay_as_long_as_they_last(rest: int, hold: int) -> None:
+    """An arm that rests with a torque that does not change repeats its rows, polled or not."""
+    samples = ROWS // hold
+    way = np.cumsum(np.arange(samples) % (60 + rest) < 60)
+    q, tau = motion(STEP * hold * way)
+    still = np.concatenate([[False], np.diff(way) == 0])
+    tau = tau[np.maximum.accumulate(np.where(still, 0, np.arange(samples)))]
+    asked = np.arange(samples * hold) // hold
+    held = {"q": q[asked], "tau": tau[asked]}
+    log = Trajectory("log", "train", STEP * np.arange(samples * hold), held)
+    once = without_repeats(log)
+    twice = without_repeats(once)
+    assert len(once.time) == pytest.approx(samples, rel=0.02)
+    assert len(twice.time) == pytest.approx(samples, rel=0.02)
+    assert np.diff(twice.time).max() < 3.5 * hold * STEP
+
+
+@pytest.mark.parametrize("step", [0.005, 0.02, 2 * np.pi / 4096])
+def test_one_coarse_joint_is_not_polled(step: float) -> None:
     time = STEP * np.arange(ROWS)
-    q, tau = motion(time)
-    rest = slice(1000, 2000)
-    q[rest], tau[rest] = q[1000], np.round(tau[1000], 1)
-    log = Trajectory("log", "train", time, {"q": q, "tau": tau})
-    assert without_repeats(log) is log
-    # Polled as well: the rest keeps a row for every sample of it, and no gap is left.
-    asked = (np.arange(ROWS) // 4) * 4
-    out = without_repeats(Trajectory("log", "train", time, {"q": q[asked], "tau": tau[asked]}))
-    steps = np.diff(out.time)
-    assert steps.max() < 1.5 * 4 * STEP
-    assert len(out.time) == pytest.approx(ROWS / 4, abs=3)
+    coarse = np.round(0.5 * np.sin(1.3 * time) / step)[:, None] * step
+    alone = Trajectory("log", "train", time, {"q": np.column_stack([coarse, np.full(ROWS, 0.3)])})
+    assert without_repeats(alone) is alone
+    follows = Trajectory("log", "train", time, {"q": coarse, "tau": 2.0 * np.cos(coarse)})
+    assert without_repeats(follows) is follows
 
 
 def test_a_joint_that_stands_does_not_hide_repeated_rows() -> None:

@@ -7,7 +7,7 @@ on smoothly (mirroring the signal, as filters do by default, bends it: the torqu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,6 +24,7 @@ from hybrid_dynamics.loop.speeds import own_speeds
 from hybrid_dynamics.loop.uncertainty import Uncertainty
 from hybrid_dynamics.readers.clock import truer_stamps
 from hybrid_dynamics.readers.glitches import repair, told
+from hybrid_dynamics.readers.repeats import without_repeats
 from hybrid_dynamics.readers.resample import NO_STRETCH, ResampleSettings, resample, uniform_step
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
@@ -119,11 +120,13 @@ def predict(
         raise InputError(
             f"log {log.name}: holds {log.n_joints} joints; robot {model.robot.name} has {model.robot.n_joints}"
         )
+    # A glitch that a logger wrote twice stands alone once its rows do.
+    clean, _ = repair(without_repeats(log, notify))
     log, glitches = repair(log)
     for line in told(glitches, model.robot.joint_names, len(log.time)):
         if notify is not None:
             notify(f"{log.name}: {line}")
-    pieces = resample(log, None, notify)
+    pieces = resample(clean, None, notify)
     if not pieces:
         raise InputError(f"log {log.name}: {NO_STRETCH}")
     settings = settings or (ProcessSettings() if model.cutoff is None else ProcessSettings(cutoff=model.cutoff))
@@ -136,8 +139,7 @@ def predict(
     band = None if uncertainty is None else np.full(shape, np.nan)
     measured = log.signals.get("tau")
     inside = np.zeros(len(log.time), bool)
-    for piece in pieces:
-        rows = np.flatnonzero((log.time >= piece.time[0] - 1e-9) & (log.time <= piece.time[-1] + 0.5 * piece.dt))
+    for piece, rows in zip(pieces, _rows_of(pieces, log.time), strict=True):
         reach = END_PERIODS / settings.cutoff_at(piece.dt)
         inside[rows] = (log.time[rows] > piece.time[0] + reach) & (log.time[rows] < piece.time[-1] - reach)
         states = whole_states(piece, settings)
@@ -232,6 +234,17 @@ def _smoother(piece: Trajectory, settings: ProcessSettings) -> Callable[[Array],
         return out.reshape(np.shape(x))
 
     return smooth
+
+
+def _rows_of(pieces: Sequence[Trajectory], time: Array) -> list[NDArray[np.intp]]:
+    """Rows of stamps ``time`` (T,) that belong to each of ``pieces``: also those beside its ends, which its clock may
+    have moved, as far as no other piece is nearer."""
+    starts, ends = (np.array([piece.time[k] for piece in pieces]) for k in (0, -1))
+    reach = 2.0 * np.array([piece.dt for piece in pieces])
+    between = (ends[:-1] + starts[1:]) / 2
+    low = np.maximum(starts - reach, np.append(-np.inf, between))
+    high = np.minimum(ends + reach, np.append(between, np.inf))
+    return [np.flatnonzero((time >= first) & (time <= last)) for first, last in zip(low, high, strict=True)]
 
 
 def _instants(piece: Trajectory, log: Trajectory) -> Array:

@@ -28,10 +28,10 @@ from hybrid_dynamics.types import Array
 
 #: The mean square by which speeds and positions differ, as accelerations, beyond which the speeds are off by more.
 TWICE = 2.0
-#: A difference below this share of what a joint accelerates (rms) is none.
-SHARE = 0.01
-#: Frequencies [Hz] at which what positions scatter by is summed, for one period of the cut-off.
-_GRID = 200
+#: A difference below this share of what a joint accelerates (rms), or below this [rad/s^2], is none.
+SHARE, LEAST = 0.01, 1e-3
+#: What positions scatter by is summed at so many frequencies up to this multiple of the cut-off: nothing passes beyond.
+_GRID, _REACH = 600, 3.0
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,14 @@ def judged(runs: Sequence[Trajectory], settings: ProcessSettings) -> Speeds | No
         both = derivative(np.hstack([speed, zero_phase(run["dq"], cutoff, dt) - speed]), dt)
         smooth = np.apply_along_axis(np.convolve, 0, both, kernel, "same")[inside]
         moved, off = np.hsplit(np.sum(smooth**2, axis=0), 2)
-        f = np.linspace(0.0, 0.5 / dt, max(int(_GRID * 0.5 / (dt * cutoff)), 2))
+        f = np.linspace(0.0, min(0.5 / dt, _REACH * cutoff), _GRID)
         through = seen_through(f, cutoff, dt)[0] @ (2 * np.pi * f) ** 4 * f[1]
         sums += np.array([moved, off, len(smooth) * through * position_noise(run["q"], dt)])
         rows += len(smooth)
     moved, off, scatter = sums / rows
-    worse = (off > TWICE * scatter) & (off > SHARE**2 * moved)
+    # A joint that stands says of its sensor no more than that it has one.
+    moving = np.any([np.ptp(run["q"], axis=0) >= settings.moving_range for run in usable], axis=0)
+    worse = moving & (off > TWICE * scatter) & (off > np.maximum(SHARE**2 * moved, LEAST**2))
     return Speeds(worse, np.sqrt(off), np.sqrt(scatter), max(settings.cutoff_at(run.dt) for run in usable))
 
 
@@ -99,12 +101,13 @@ def truer_speeds(
     settings: ProcessSettings,
     held_out: float = 1.0,
 ) -> tuple[tuple[Trajectory, ...], tuple[Trajectory, ...], list[str]]:
-    """``train`` and ``test`` runs, without ``dq`` where the training runs say that it is worse than the derivative of
-    ``q``, and a line that says so; the rest as of :func:`~.bandwidth.narrowed`."""
-    if not any("dq" in run for run in train):
+    """``train`` and ``test`` runs, all without ``dq`` where the training runs say that it is worse than the derivative
+    of ``q``, the test runs where they do, and a line that says so; the rest as of :func:`~.bandwidth.narrowed`."""
+    if not any("dq" in run for run in (*train, *test)):
         return tuple(train), tuple(test), []
-    plain = [without_speeds(run) for run in train]
-    own, speeds = own_speeds(train, narrowed(robot, plain, settings, test, held_out)[0])
-    if speeds is None:
-        return tuple(train), tuple(test), []
-    return tuple(own), tuple(without_speeds(run) for run in test), [speeds.line(robot.joint_names)]
+    at, _ = narrowed(robot, [without_speeds(run) for run in train], settings, test, held_out)
+    own, speeds = own_speeds(train, at)
+    if speeds is not None:
+        return tuple(own), tuple(without_speeds(run) for run in test), [speeds.line(robot.joint_names)]
+    asked, speeds = own_speeds(test, at)
+    return tuple(own), tuple(asked), [] if speeds is None else [f"test runs: {speeds.line(robot.joint_names)}"]

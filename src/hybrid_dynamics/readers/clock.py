@@ -26,11 +26,15 @@ FEWEST_WHOLE = 0.9
 #: Share of the mean square of accelerations, by differences of positions, that another clock may leave to be the true
 #: one: then at least half of it was made by the stamps.
 SMOOTHER = 0.5
-#: Relative difference up to which two clocks are as smooth; steps by which one may go astray from recorded stamps.
-AS_SMOOTH, ASTRAY = 0.1, 2.0
+#: Relative difference up to which two clocks are as smooth; steps by which a clock may go astray from the recorded
+#: stamps, and one that is smooth over what was lost.
+AS_SMOOTH, ASTRAY, ASTRAY_SMOOTHED = 0.1, 2.0, 1.0
 #: Samples for which a clock is even that wanders.
 FOR_A_WHILE = 25
-#: Steps of a joint's positions [rad, m] beyond which it moves.
+#: Nowhere, in as many samples, may a clock be so many times as rough as the recorded stamps, the least that counts
+#: being this share of the roughness of the whole: a sample that was lost, or a rate that changes, it would pass over.
+WORST, SHARE_OF_WHOLE = 1.5, 0.5
+#: Range of a joint [rad, m] beyond which it moves.
 MOVES = 0.01
 
 
@@ -48,7 +52,7 @@ def ticked_stamps(time: Array) -> Array:
 
 def smoothed_stamps(time: Array) -> Array:
     """Stamps (T,) [s] of a clock that is even for a while: ``time`` (T,) behind a moving straight line."""
-    return np.asarray(savgol_filter(time, min(FOR_A_WHILE, 2 * ((len(time) - 1) // 2) + 1), 1))
+    return np.asarray(savgol_filter(time, FOR_A_WHILE, 1))
 
 
 def truer_stamps(time: Array, q: Array) -> Array:
@@ -57,26 +61,37 @@ def truer_stamps(time: Array, q: Array) -> Array:
     (:data:`SMOOTHER`, over all joints). Of those that are as smooth the plainest, as long as it stays by the recorded.
     """
     moving = np.ptp(q, axis=0) > MOVES
-    if len(time) < 4 or not moving.any():
+    if len(time) < FOR_A_WHILE or not moving.any():
         return time
     recorded, step = _roughness(time, q[:, moving]), float(np.median(np.diff(time)))
     clocks = []
-    for stamps in (even_stamps(time), ticked_stamps(time), smoothed_stamps(time)):
+    asked = (even_stamps(time), ASTRAY), (ticked_stamps(time), ASTRAY), (smoothed_stamps(time), ASTRAY_SMOOTHED)
+    for stamps, astray in asked:
         off = stamps - time
-        if np.all(np.diff(stamps) > 0) and np.abs(off - np.median(off)).max() <= ASTRAY * step:
-            # Joints count alike, however fast they are.
-            clocks.append((float(np.mean(np.log(_roughness(stamps, q[:, moving]) / recorded))), stamps))
+        if np.any(np.diff(stamps) <= 0) or np.abs(off - np.median(off)).max() > astray * step:
+            continue
+        rough = _roughness(stamps, q[:, moving])
+        if np.any(_by_parts(rough / recorded.mean(axis=0)) > WORST * _by_parts(recorded / recorded.mean(axis=0))):
+            continue
+        # Joints count alike, however fast they are.
+        clocks.append((float(np.mean(np.log(rough.mean(axis=0) / recorded.mean(axis=0)))), stamps))
     best = min((gain for gain, _ in clocks), default=0.0)
     if best >= np.log(SMOOTHER):
         return time
     return next(stamps for gain, stamps in clocks if gain <= best + AS_SMOOTH)
 
 
+def _by_parts(rough: Array) -> Array:
+    """Means over joints and stretches of :data:`FOR_A_WHILE` samples, and no less than a share of the whole of them."""
+    parts = np.add.reduceat(rough.mean(axis=1), np.arange(0, len(rough), FOR_A_WHILE)) / FOR_A_WHILE
+    return np.asarray(np.maximum(parts, SHARE_OF_WHOLE))
+
+
 def _roughness(time: Array, q: Array) -> Array:
-    """(n,) mean square [(rad/s^2)^2] of the second divided differences of ``q`` (T, n) at ``time`` (T,)."""
+    """(T - 2, n) squares [(rad/s^2)^2] of the second divided differences of ``q`` (T, n) at ``time`` (T,)."""
     speed = np.diff(q, axis=0) / np.diff(time)[:, None]
     span = 0.5 * (time[2:] - time[:-2])
-    return np.asarray(np.maximum(np.mean((np.diff(speed, axis=0) / span[:, None]) ** 2, axis=0), 1e-300))
+    return np.asarray(np.maximum((np.diff(speed, axis=0) / span[:, None]) ** 2, 1e-300))
 
 
 def stamps_from_velocity(

@@ -4,7 +4,10 @@ Where the answers come at no whole multiple of its own step the motion becomes a
 filter mends: on a simulated arm whose samples came every 13 ms and were logged every 4 thirty times as much of the
 torque was left, and links and a spring were named for it. A row that repeats the one before it in every signal of every
 joint, while the arm moves, is no sample: it is left out, and when the samples came is told from the rest
-(:mod:`.clock`). A coarse converter repeats values, too, but one joint at a time.
+(:mod:`.clock`).
+
+A coarse converter repeats values, too, but one joint at a time and by one step; an arm that rests repeats many rows,
+where a logger repeats all as often.
 """
 
 from __future__ import annotations
@@ -13,59 +16,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_dynamics.trajectory import Trajectory
-from hybrid_dynamics.types import Notify
+from hybrid_dynamics.types import Array, Notify
 
-#: Share of the rows in motion that repeat the one before from which on the log is taken to hold such rows.
+#: Share of the rows that repeat the one before from which on the log is taken to hold such rows.
 REPEATED = 0.02
-#: Of the rows that are new, the share in which a signal of a joint (their median) is new.
+#: Times the usual number of rows of a sample beyond which an arm rests.
+RESTS = 2.0
+#: Of the rows in which positions are new, the share in which a signal of a joint (their median) is.
 TOGETHER = 0.8
-#: A signal that is new in fewer of them stands still.
-STILL = 0.01
-#: Rows after which a position changes at the latest while the arm moves; a longer repetition is a rest.
-LONGEST = 25
+#: A signal that is new in fewer of them stands still; signals that there must be beside each other.
+STILL, FEWEST = 0.01, 2
+#: Share of a position's changes that are by one step of it beyond which it is the converter that is coarse.
+BY_ONE_STEP, ONE_STEP = 0.5, 1.5
+#: A log of fewer rows says nothing.
+FEWEST_ROWS = 50
 
 
 def without_repeats(run: Trajectory, notify: Notify | None = None) -> Trajectory:
-    """``run`` (any stamps) without rows that repeat the one before them in motion; of longer rests as many rows as of a
+    """``run`` (any stamps) without rows that repeat the one before them in motion; of a rest as many rows as of a
     motion. ``notify`` is told how many."""
-    if "q" not in run or len(run.time) < 2 * LONGEST:
+    if "q" not in run or len(run.time) < FEWEST_ROWS:
         return run
     # Signal by signal: a log of an hour fills much of a memory.
     same = np.all([(x[1:] == x[:-1]).all(axis=1) for x in run.signals.values()], axis=0)
-    moving = _moving((run["q"][1:] != run["q"][:-1]).any(axis=1))
-    new = moving & ~same
-    if np.sum(same & moving) < REPEATED * max(moving.sum(), 1) or not new.any():
-        return run
-    share = np.concatenate([(x[1:][new] != x[:-1][new]).mean(axis=0) for x in run.signals.values()])
-    if not np.any(share > STILL) or np.median(share[share > STILL]) < TOGETHER:
-        return run
-    rows = _kept(same, moving.sum() / new.sum())
-    if notify is not None:
-        twice, period = float(np.sum(same & moving) / moving.sum()), run.dt * float(moving.sum() / new.sum())
-        notify(
-            f"{run.name}: {twice:.0%} of the rows in motion repeat the one before them in every signal: a sample comes "
-            f"every {1e3 * period:.3g} ms, logged every {1e3 * run.dt:.3g} ms; {len(run.time)} -> {len(rows)} rows"
-        )
-    return run.rows(rows)
-
-
-def _moving(turning: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Steps (T - 1,) that are at most :data:`LONGEST` steps from one that is ``turning`` to the next."""
-    at = np.flatnonzero(turning)
-    if not len(at):
-        return turning
-    after = np.searchsorted(at, np.arange(len(turning)))
-    known = (after > 0) & (after < len(at))
-    apart = at[np.minimum(after, len(at) - 1)] - at[np.maximum(after - 1, 0)]
-    return np.asarray(turning | (known & (apart <= LONGEST)))
-
-
-def _kept(same: NDArray[np.bool_], hold: float) -> NDArray[np.intp]:
-    """Rows that are kept: the first of those that repeat each other, and of a rest one every ``hold`` rows."""
     first = np.flatnonzero(np.concatenate([[True], ~same]))
-    lengths = np.diff(np.append(first, len(same) + 1))
-    out = [first]
-    for start, length in zip(first[lengths > LONGEST], lengths[lengths > LONGEST], strict=True):
-        out.append(start + np.round(np.arange(hold, length, hold)).astype(int))
-    rows = np.unique(np.concatenate(out))
-    return rows[rows <= len(same)]
+    lengths = np.diff(np.append(first, len(run.time)))
+    moving = lengths <= RESTS * np.median(lengths)
+    hold = float(lengths[moving].mean())
+    if 1.0 - 1.0 / hold < REPEATED or not _together(run, ~same & (run["q"][1:] != run["q"][:-1]).any(axis=1)):
+        return run
+    rests = zip(first[~moving], lengths[~moving], strict=True)
+    more = [start + np.round(np.arange(hold, length, hold)).astype(int) for start, length in rests]
+    rows = np.unique(np.concatenate([first, *more]))
+    if notify is not None:
+        notify(
+            f"{run.name}: {1.0 - 1.0 / hold:.0%} of the rows in motion repeat the one before them in every signal: a "
+            f"sample comes every {1e3 * run.dt * hold:.3g} ms, logged every {1e3 * run.dt:.3g} ms; {len(run.time)} -> "
+            f"{len(rows)} rows"
+        )
+    return run.rows(rows[rows < len(run.time)])
+
+
+def _together(run: Trajectory, new: NDArray[np.bool_]) -> bool:
+    """True where signals are ``new`` (T - 1,) together, and not since positions come in coarse steps."""
+    if not new.any():
+        return False
+    share = np.concatenate([(x[1:][new] != x[:-1][new]).mean(axis=0) for x in run.signals.values()])
+    share = share[share > STILL]
+    if len(share) < FEWEST or np.median(share) < TOGETHER:
+        return False
+    return not all(_is_coarse(x) for x in np.abs(run["q"][1:][new] - run["q"][:-1][new]).T if x.any())
+
+
+def _is_coarse(changes: Array) -> bool:
+    """True where most of a position's ``changes`` (T,), those there are, are by the least of them."""
+    there = changes[changes > 1e-6 * changes.max()]
+    return bool(np.mean(there < ONE_STEP * there.min()) > BY_ONE_STEP)
