@@ -11,6 +11,8 @@ from hybrid_dynamics.effects import Effect, Term, predict, with_effects
 from hybrid_dynamics.effects.base import HELD
 from hybrid_dynamics.loop import LoopSettings, Model, close_loop
 from hybrid_dynamics.loop.alternatives import indistinguishable
+from hybrid_dynamics.loop.evidence import Evidence
+from hybrid_dynamics.loop.held import Held
 from hybrid_dynamics.loop.prepare import gather, read_motion
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
@@ -266,3 +268,27 @@ def test_what_is_as_good_is_listed_beside_a_law_that_only_its_bounds_keep_possib
     listed = indistinguishable(judge.at([tilt, *curve]), [tilt, *curve], candidates)[tilt]
     names = [{(e["effect"], *e["joints"]) for e in other["effects"]} for other in listed]
     assert {("torque_offset", "j1"), ("torque_offset", "j2")} in names
+
+
+def test_a_link_in_the_place_of_a_spring_is_one_that_can_exist(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fitted freely ten numbers of a link may be no body and predict held-out parts badly: of a blind arm with another
+    centre of mass a spring was named then, and no link listed beside it."""
+    centre = Effect("link_com", ("j1",), {"com_x": 0.25, "com_y": 0.0, "com_z": -0.08})
+    runs = [swing(arm, 0.4, seed, (centre,)) for seed in (1, 2)]
+    settings = LoopSettings()
+    judge, candidates, _ = gather(Model(arm), read_motion(arm, runs, [], settings), settings)
+    term = Term("joint_spring", 0, (("shape", "linear"),))
+    (link,) = (c for c in candidates if c.effect == "link_inertia" and c.joint == 0)
+    judge = judge.adding([term]).at([term])
+    assert judge.evidence.constrained([link])
+    assert not judge.evidence.constrained([])
+    asked, held = [], Evidence.held
+
+    def spy(evidence: Evidence, terms: Any, physical: bool = False) -> Held:
+        asked.append((frozenset(terms), physical))
+        return held(evidence, terms, physical)
+
+    monkeypatch.setattr(Evidence, "held", spy)
+    listed = indistinguishable(judge, [term], candidates)[term]
+    assert [("link_inertia", "j1")] in [[(e["effect"], *e["joints"]) for e in other["effects"]] for other in listed]
+    assert {physical for terms, physical in asked if terms == {link}} == {True}

@@ -152,7 +152,10 @@ def _in_place_of(named: _Named, term: Term, free: Sequence[Term], rarer: Sequenc
         # What is not alike can be the better cause all the same: of those that are rarely looked at that counts.
         if not alike and not (rare and group[0].joint == term.joint):
             continue
-        held = evidence.held([*named.without(term, put=group), *group], active)
+        there = [*named.without(term, put=group), *group]
+        # A body may stand for the term as one that can exist, and fitted freely be one that cannot and predicts badly.
+        bodily = any(c.family().changes_body for c in group)
+        held = evidence.held(there, active or (bodily and evidence.constrained(there)))
         gain = judge.gain(held, named.full)
         dearer = judge.price(*group) > judge.price(term)
         if rare and not part and (dearer or not alike) and gain.total <= (gain.error if dearer else 0.0):
