@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from tests.small_arm import HIDDEN, arm, runs, write_logs
+from tests.small_arm import HIDDEN, URDF, arm, runs, write_logs
 
 from hybrid_dynamics.check import checked
 from hybrid_dynamics.check.content import check_content, check_rate
@@ -254,6 +254,17 @@ def test_a_late_velocity_is_left_out_and_told(run):
     assert "0.02 s behind the derivative of q; the derivative of q is taken instead" in said[0]
     # The control: one that is not late is what was measured.
     assert "dq" in checked(arm(), [moved], []).train[0]
+
+
+def test_a_velocity_that_close_loop_leaves_out_is_told_beforehand(run, tmp_path, capsys):
+    (tmp_path / "robot.urdf").write_text(URDF)
+    moved = with_velocity(run)
+    noise = np.random.default_rng(0).normal(size=moved["dq"].shape)
+    for name, more in (("noisy", 0.05), ("good", 0.0)):
+        path = tmp_path / f"{name}.parquet"
+        write_log(path, moved.with_signals(dq=moved["dq"] + more * noise), ("shoulder", "elbow"))
+        assert command("check", "--robot", tmp_path / "robot.urdf", "--data", path) == 0
+        assert ("the derivative of q is taken instead of dq" in capsys.readouterr().out) == (name == "noisy")
 
 
 @pytest.mark.parametrize(("seconds", "late", "refused"), [(2.0, 0.0, 0), (10.0, 0.12, 20)])

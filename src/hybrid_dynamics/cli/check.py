@@ -167,18 +167,23 @@ def look(
 
 
 def _motion(robot: Robot, logs: Checked) -> list[Finding]:
-    """A finding where ``close-loop`` refuses the motion that is left of ``logs`` at its bandwidth."""
+    """Findings where ``close-loop`` takes other speeds than the logged ones, and where it refuses the motion that is
+    left of ``logs`` at its bandwidth."""
     from hybrid_dynamics.check.findings import Finding
     from hybrid_dynamics.errors import InputError, one_line
     from hybrid_dynamics.loop import LoopSettings
     from hybrid_dynamics.loop.prepare import read_motion
+    from hybrid_dynamics.loop.speeds import truer_speeds
 
+    settings = LoopSettings()
+    train, test, told = truer_speeds(robot, logs.train, logs.test, settings.process)
+    found = [Finding("dq_left_out", "note", line) for line in told]
     try:
         # Nothing is cut off to be held out: which runs are learnt from is not said yet.
-        read_motion(robot, logs.train, logs.test or logs.train, LoopSettings())
+        read_motion(robot, train, test or train, settings)
     except InputError as error:
-        return [Finding("motion", "hard", one_line(error))]
-    return []
+        found.append(Finding("motion", "hard", one_line(error)))
+    return found
 
 
 def _tell(console: Console, findings: list[Finding]) -> int:
