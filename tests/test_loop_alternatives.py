@@ -285,10 +285,11 @@ def test_a_link_in_the_place_of_a_spring_is_one_that_can_exist(arm: Robot, monke
     asked, held = [], Evidence.held
 
     def spy(evidence: Evidence, terms: Any, physical: bool = False) -> Held:
+        """The link that is fitted freely predicts as badly as nothing would, as it did there."""
         asked.append((frozenset(terms), physical))
-        return held(evidence, terms, physical)
+        return held(evidence, [] if terms == [link] and not physical else terms, physical)
 
     monkeypatch.setattr(Evidence, "held", spy)
     listed = indistinguishable(judge, [term], candidates)[term]
     assert [("link_inertia", "j1")] in [[(e["effect"], *e["joints"]) for e in other["effects"]] for other in listed]
-    assert {physical for terms, physical in asked if terms == {link}} == {True}
+    assert {physical for terms, physical in asked if terms == {link}} == {False, True}

@@ -153,14 +153,17 @@ def _in_place_of(named: _Named, term: Term, free: Sequence[Term], rarer: Sequenc
         if not alike and not (rare and group[0].joint == term.joint):
             continue
         there = [*named.without(term, put=group), *group]
-        # A body may stand for the term as one that can exist, and fitted freely be one that cannot and predicts badly.
-        bodily = any(c.family().changes_body for c in group)
-        held = evidence.held(there, active or (bodily and evidence.constrained(there)))
+        held = evidence.held(there, active)
+        growth = named.as_good(held)
+        bodily = not active and any(c.family().changes_body for c in group)
+        if growth is None and bodily and evidence.constrained(there):
+            # A body that is fitted freely may be none and predict badly, where one that can exist does as well.
+            held = evidence.held(there, True)
+            growth = named.as_good(held)
         gain = judge.gain(held, named.full)
         dearer = judge.price(*group) > judge.price(term)
         if rare and not part and (dearer or not alike) and gain.total <= (gain.error if dearer else 0.0):
             continue
-        growth = named.as_good(held)
         # What cannot be is no explanation, however well it fits.
         if growth is not None and set(impossible(judge, [*rest, *group])) & set(group):
             continue
