@@ -123,6 +123,10 @@ class Trajectory:
         """A copy in which ``signals`` are added or replaced."""
         return replace(self, signals={**self.signals, **signals})
 
+    def without(self, signal: str) -> Trajectory:
+        """A copy without ``signal``, which need not be there."""
+        return replace(self, signals={name: own for name, own in self.signals.items() if name != signal})
+
     def rows(self, index: slice | NDArray[Any]) -> Trajectory:
         """The piece of the run that ``index`` selects."""
         own = {k: v[index] for k, v in self.signals.items()}

@@ -90,7 +90,7 @@ def checked(
         velocity = check_velocity(body.joint_names, part)
         findings += velocity
         if _of_no_use(velocity):
-            part[:] = [_without_velocity(run) for run in part]
+            part[:] = [run.without("dq") for run in part]
         of_torque, found_gravity = _torque(robot, part)
         of_torque = [_of_held_signals(f, part) for f in of_torque]
         if part is second and angle(found_gravity, gravity) < SAME_MOUNTING:
@@ -141,7 +141,7 @@ def checked_log(model: Robot | Completed, log: Trajectory, refuse: bool = True) 
         findings = check_velocity(body.joint_names, pieces) + check_limits(body, pieces) + slow
         _stop(findings, refuse, options)
         if any(f.severity == "hard" for f in findings):
-            pieces = [_without_velocity(piece) for piece in pieces]
+            pieces = [piece.without("dq") for piece in pieces]
         if "tau" in log and not slow and np.ptp(log["tau"], axis=0).any():
             of_torque = _torque(model, pieces, fixed=True)[0]
             certain = any(f.severity == "hard" for f in of_torque)
@@ -152,7 +152,7 @@ def checked_log(model: Robot | Completed, log: Trajectory, refuse: bool = True) 
         findings += [
             Finding("glitch", "note", line, run=log.name) for line in told(glitches, body.joint_names, len(log.time))
         ]
-    return _without_velocity(log) if _of_no_use(findings) else log, ordered(findings)
+    return log.without("dq") if _of_no_use(findings) else log, ordered(findings)
 
 
 def _of_no_use(velocity: Sequence[Finding]) -> bool:
@@ -221,10 +221,6 @@ def _of_held_signals(finding: Finding, runs: Sequence[Trajectory]) -> Finding:
         for key, value in finding.suggestion.items()
     }
     return replace(finding, suggestion=cure)
-
-
-def _without_velocity(run: Trajectory) -> Trajectory:
-    return replace(run, signals={s: x for s, x in run.signals.items() if s != "dq"})
 
 
 def _once(findings: Sequence[Finding]) -> list[Finding]:

@@ -120,9 +120,11 @@ def predict(
         raise InputError(
             f"log {log.name}: holds {log.n_joints} joints; robot {model.robot.name} has {model.robot.n_joints}"
         )
+    once = without_repeats(log, notify)
+    repaired, glitches = repair(log)
     # A glitch that a logger wrote twice stands alone once its rows do.
-    clean, _ = repair(without_repeats(log, notify))
-    log, glitches = repair(log)
+    clean = repaired if once is log else repair(once)[0]
+    log = repaired
     for line in told(glitches, model.robot.joint_names, len(log.time)):
         if notify is not None:
             notify(f"{log.name}: {line}")

@@ -14,7 +14,7 @@ One driver makes the speeds of all joints: where that of one joint is off they a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,18 +80,13 @@ def judged(runs: Sequence[Trajectory], settings: ProcessSettings) -> Speeds | No
     return Speeds(worse, np.sqrt(off), np.sqrt(scatter), max(settings.cutoff_at(run.dt) for run in usable))
 
 
-def without_speeds(run: Trajectory) -> Trajectory:
-    """``run`` without ``dq``."""
-    return replace(run, signals={name: own for name, own in run.signals.items() if name != "dq"})
-
-
 def own_speeds(runs: Sequence[Trajectory], settings: ProcessSettings) -> tuple[list[Trajectory], Speeds | None]:
     """``runs`` without ``dq`` where these say, at the bandwidth of ``settings``, that it is worse than the derivative
     of ``q``, and what they say then."""
     speeds = judged(runs, settings)
     if speeds is None or not speeds.worse.any():
         return list(runs), None
-    return [without_speeds(run) for run in runs], speeds
+    return [run.without("dq") for run in runs], speeds
 
 
 def truer_speeds(
@@ -105,9 +100,9 @@ def truer_speeds(
     of ``q``, the test runs where they do, and a line that says so; the rest as of :func:`~.bandwidth.narrowed`."""
     if not any("dq" in run for run in (*train, *test)):
         return tuple(train), tuple(test), []
-    at, _ = narrowed(robot, [without_speeds(run) for run in train], settings, test, held_out)
+    at, _ = narrowed(robot, [run.without("dq") for run in train], settings, test, held_out)
     own, speeds = own_speeds(train, at)
     if speeds is not None:
-        return tuple(own), tuple(without_speeds(run) for run in test), [speeds.line(robot.joint_names)]
+        return tuple(own), tuple(run.without("dq") for run in test), [speeds.line(robot.joint_names)]
     asked, speeds = own_speeds(test, at)
     return tuple(own), tuple(asked), [] if speeds is None else [f"test runs: {speeds.line(robot.joint_names)}"]
