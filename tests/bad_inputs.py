@@ -364,6 +364,11 @@ CASES: list[Case] = [
         lambda f: _without_weight(f),
     ),
     Case("all torques with the wrong sign", CHECK, scaled(-1.0, "tau1", "tau2")),
+    Case(
+        "torques without their sign",
+        CHECK,
+        frame(lambda t: t.assign(tau1=t["tau1"].abs(), tau2=t["tau2"].abs())),
+    ),
     Case("one torque with the wrong sign", CHECK, scaled(-1.0, "tau1")),
     Case(
         "one torque with the wrong sign, in the test log",

@@ -377,46 +377,6 @@ def test_logs_too_slow_or_too_short_give_no_verdict(run):
     assert codes(check_rate([run.rows(slice(None, None, 4))])) == [("warning", "too_short")]
 
 
-@pytest.mark.parametrize("cycles", [1, 3, 40])
-@pytest.mark.parametrize("levels", [6, 9, 20, 90])
-def test_a_wave_on_a_coarse_converter_is_clipped_only_where_it_is_cut_off(cycles, levels):
-    wave = np.sin(2 * np.pi * cycles * np.arange(4000) / 4000 + 0.1)
-
-    def found(tau):
-        log = Trajectory("run", "train", np.arange(4000) / 200, {"q": wave[:, None], "tau": tau[:, None]})
-        return "saturation" in [f.code for f in check_content(log, ("a",))]
-
-    step = 2 / levels
-    assert not found(np.round(wave / step) * step)
-    assert not found(wave)
-    # Of a handful of levels the last may hold as much by itself.
-    assert levels < 20 or found(np.clip(np.round(wave / step) * step, -0.7, 0.7))
-    assert found(np.clip(wave, -0.7, 0.7))
-
-
-def test_a_torque_that_is_cut_off_is_told_by_the_loop_too_and_one_of_a_rest_is_none(logs, run, tmp_path, capsys):
-    limit = 0.6 * np.abs(run["tau"]).max(axis=0)
-    clipped = run.with_signals(tau=np.clip(run["tau"], -limit, limit))
-
-    def told(log):
-        return [f.line for f in checked(arm(), [log], [], refuse=False).findings if f.code == "saturation"]
-
-    (line,) = told(clipped)
-    assert f"at {limit[0]:.4g} N m" in line or f"at {-limit[0]:.4g} N m" in line
-    assert told(run) == []
-    # Where the arm holds its largest torque at rest, nothing is cut off.
-    most = int(np.argmax(np.abs(run["tau"][:, 0])))
-    still = np.concatenate([np.arange(most), np.full(400, most), np.arange(most, len(run.time))])
-    waits = replace(
-        run, time=run.time[0] + run.dt * np.arange(len(still)), signals={s: x[still] for s, x in run.signals.items()}
-    )
-    assert told(with_velocity(waits)) == []
-    # By check it is told once, of the log as it was recorded.
-    write_log(tmp_path / "clipped.parquet", clipped, arm().joint_names)
-    command("check", "--robot", logs / "robot.urdf", "--data", tmp_path / "clipped.parquet")
-    assert capsys.readouterr().out.count("saturation") == 1
-
-
 def test_what_converters_do_to_a_log_is_seen(run):
     names = ("shoulder", "elbow")
     assert [f.code for f in check_content(run, names)] == ["summary"]

@@ -8,14 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hybrid_dynamics.check.centres import check_centres
+from hybrid_dynamics.check.clipped import check_clipped
 from hybrid_dynamics.check.columns import of_each, standing
 from hybrid_dynamics.check.completed import Completed, body_of
-from hybrid_dynamics.check.content import check_clipped, check_rate
+from hybrid_dynamics.check.content import check_rate
 from hybrid_dynamics.check.duplicates import check_duplicates
 from hybrid_dynamics.check.findings import Finding, Severity, ordered, refuse_hard
 from hybrid_dynamics.check.guess import SAME_MOUNTING, angle
 from hybrid_dynamics.check.known import check_known
 from hybrid_dynamics.check.limits import check_angles, check_limits
+from hybrid_dynamics.check.magnitude import check_magnitude
 from hybrid_dynamics.check.torque import check_torque, outvoted
 from hybrid_dynamics.check.velocity import check_velocity
 from hybrid_dynamics.check.weight import without_weight
@@ -194,8 +196,13 @@ def _not_finite(runs: Sequence[Trajectory]) -> list[Finding]:
 
 
 def _torque(model: Robot | Completed, runs: Sequence[Trajectory], fixed: bool = False) -> tuple[list[Finding], Array]:
-    """All runs together, then those alone that the others may have outvoted, or that hold no weight among others."""
+    """Whether it has a sign; all runs together, then those alone that the others may have outvoted, or that hold no
+    weight among others."""
     body = body_of(model)
+    unsigned = check_magnitude(body, runs)
+    if unsigned:
+        # Signs and gravity that explain a magnitude better are no cure.
+        return unsigned, standing(body)
     findings, gravity = check_torque(model, runs, fixed)
     if len(runs) > 1 and not any(f.severity == "hard" for f in findings):
         seen = of_each(model, runs)

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hybrid_dynamics.check.clipped import MOVING, check_clipped
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.samples import CUTOFF_SHARE
 from hybrid_dynamics.differentiate.butterworth import lowpass
 from hybrid_dynamics.trajectory import Trajectory, instant
-from hybrid_dynamics.types import Array
 
-#: Range [rad or m] that a joint must cover to count as moving.
-MOVING = 0.02
 #: Slowest log [Hz] that is looked at; share of the speed's power beyond what the log resolves: doubted, refused.
 SLOWEST, FAST_DOUBTED, FAST_REFUSED = 10.0, 0.05, 0.2
 #: A log is fast enough for any arm from here on [Hz].
@@ -23,11 +20,6 @@ FAST_ENOUGH = 50.0
 FEWEST, FEW = 60, 300
 #: Largest cut-off [Hz] of the loop's own filters.
 CUTOFF = 25.0
-#: Share of the samples at one extreme value that is no coincidence, and how many in a row.
-CLIPPED_SHARE, CLIPPED_ROW = 0.005, 5
-#: Next levels of a coarse converter that hold as much as its last one where nothing is clipped: a wave is within the
-#: last k levels for a time that grows as the square root of k, so that the last of four holds half of it.
-LEVELS = 3.5
 
 
 def check_content(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
@@ -86,45 +78,6 @@ def _converters(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
     return [Finding(c, s, f"{', '.join(found)} {what}", run=run.name) for c, s, found, what in told if found]  # type: ignore[arg-type]
 
 
-def check_clipped(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
-    """A warning where the torque of a joint that moves piles up at its largest or smallest value."""
-    if "tau" not in run:
-        return []
-    moves = [j for j in range(len(joint_names)) if np.ptp(run["q"][:, j]) >= MOVING]
-    # At rest a torque may well be the same for long, and its largest.
-    turning = np.gradient(run["q"], axis=0) != 0.0
-    told = [(j, _clipped(run["tau"][turning[:, j], j])) for j in moves]
-    clauses = [f"tau{j + 1} {clause}" for j, clause in told if clause]
-    if not clauses:
-        return []
-    text = (
-        f"{', '.join(clauses)}: clipped; where that is the end of what is measured, and not of what the drive "
-        "delivers, leave those stretches out or record with less torque"
-    )
-    return [Finding("saturation", "warning", text, run=run.name)]
-
-
-def _clipped(tau: Array) -> str:
-    """Where ``tau`` (T,) piles up at its largest or smallest value; empty where it does not.
-
-    A coarse converter's last level holds more than its next, as a wave stays longest where it turns, but not more than
-    the next few together.
-    """
-    if not len(tau):
-        return ""
-    span = float(np.ptp(tau))
-    apart = np.diff(np.unique(tau))
-    apart = apart[apart > 1e-6 * span]
-    few = LEVELS * float(np.median(apart)) if apart.size else 0.0
-    for extreme in (tau.max(), tau.min()):
-        off = np.abs(tau - extreme)
-        at, near = off <= 1e-9 * max(abs(float(extreme)), 1e-9), off <= max(0.03 * span, few)
-        piled = at.mean() > CLIPPED_SHARE and 2 * at.sum() > near.sum()
-        if span > 0 and piled and _longest(at) >= CLIPPED_ROW:
-            return f"({at.mean():.1%} of the samples at {extreme:.4g} N m)"
-    return ""
-
-
 def _steps(run: Trajectory, signal: str, j: int) -> tuple[str, str]:
     """What the steps of a signal tell: ``coarse`` or ``held`` with a clause, or nothing."""
     x = run[signal][:, j]
@@ -143,11 +96,6 @@ def _steps(run: Trajectory, signal: str, j: int) -> tuple[str, str]:
     fast = speed > np.percentile(speed, 50)
     repeated, again = float(np.mean(changes == 0)), float(np.mean(changes[fast] == 0)) if fast.any() else 0.0
     return ("held", f"{signal}{j + 1} ({repeated:.0%})") if min(repeated, again) > 0.3 else ("", "")
-
-
-def _longest(flags: NDArray[np.bool_]) -> int:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def check_rate(runs: Sequence[Trajectory]) -> list[Finding]:

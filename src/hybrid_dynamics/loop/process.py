@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import butter, sosfiltfilt, upfirdn
 
+from hybrid_dynamics.check.clipped import clipped_samples
 from hybrid_dynamics.effects import Motion
 from hybrid_dynamics.errors import InputError, require
 from hybrid_dynamics.robots import Robot
@@ -66,8 +67,9 @@ class ProcessSettings:
 class Run:
     """One processed run. ``motion`` holds M states; ``time`` (K,), ``q dq ddq tau`` (K, n) are smoothed, decimated.
 
-    ``mask`` (K, n) is true where the joint moves over the whole filter window. ``smooth`` maps (M, ...) to (K, ...);
-    a row of its result is made of ``window`` states, the next one of those ``every`` later.
+    ``mask`` (K, n) is true where the joint moves and its torque is not cut off (:mod:`hybrid_dynamics.check.clipped`),
+    over the whole filter window. ``smooth`` maps (M, ...) to (K, ...); a row of its result is made of ``window``
+    states, the next one of those ``every`` later.
     """
 
     name: str
@@ -194,7 +196,8 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
     rows = first + keep * step * np.arange(count)
     speed = minimum_filter1d(np.abs(dq[inside]), size=2 * half + 1, axis=0)
     crossing = minimum_filter1d(dq[inside], 2 * half + 1, axis=0) * -minimum_filter1d(-dq[inside], 2 * half + 1, axis=0)
-    mask = (speed >= settings.slow_speed) & (crossing > 0)
+    cut_off = maximum_filter1d(clipped_samples(trajectory)[inside], size=2 * half + 1, axis=0)
+    mask = (speed >= settings.slow_speed) & (crossing > 0) & ~cut_off
     return Run(
         name=trajectory.name,
         motion=motion,

@@ -1,0 +1,102 @@
+"""Torque that is cut off: samples that pile up at the largest or smallest value of a joint that moves.
+
+It may be what the drive delivers at most, and true; or the end of what is measured, and no torque of the robot. Nothing
+in the log says which, so these samples are no evidence: friction, a contact or a gain would be named for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_dynamics.check.findings import Finding
+from hybrid_dynamics.trajectory import Trajectory
+from hybrid_dynamics.types import Array
+
+#: Range [rad or m] that a joint must cover to count as moving.
+MOVING = 0.02
+#: Share of the samples at one extreme value that is no coincidence, and how many in a row.
+CLIPPED_SHARE, CLIPPED_ROW = 0.005, 5
+#: Next levels of a coarse converter that hold as much as its last one where nothing is clipped: a wave is within the
+#: last k levels for a time that grows as the square root of k, so that the last of four holds half of it.
+LEVELS = 3.5
+#: Share of the torque's range within which samples are near its end; and within which those that a resampled log has
+#: there are one value: a spline rings after a corner.
+NEAR, ONE_VALUE = 0.03, 1e-3
+
+
+def check_clipped(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
+    """A warning where the torque of a joint that moves piles up at its largest or smallest value."""
+    if "tau" not in run:
+        return []
+    clauses = []
+    for j in _movers(run):
+        levels = _levels(run, j)
+        if levels:
+            own = "; ".join(f"{share:.1%} of the samples at {level:.4g} N m" for level, share in levels)
+            clauses.append(f"tau{j + 1} ({own})")
+    if not clauses:
+        return []
+    text = (
+        f"{', '.join(clauses)}: clipped; that may be the end of what is measured, and not of what the drive delivers, "
+        "so close-loop leaves these stretches out; record with less torque to learn from all of a run"
+    )
+    return [Finding("saturation", "warning", text, run=run.name)]
+
+
+def clipped_samples(run: Trajectory) -> NDArray[np.bool_]:
+    """(T, n) where the torque of a joint that moves is at a value at which it is cut off."""
+    out = np.zeros(run["tau"].shape, bool)
+    for j in _movers(run):
+        tau = run["tau"][:, j]
+        for level, _ in _levels(run, j):
+            out[:, j] |= np.abs(tau - level) <= ONE_VALUE * np.ptp(tau)
+    return out
+
+
+def _movers(run: Trajectory) -> list[int]:
+    return [int(j) for j in np.flatnonzero(np.ptp(run["q"], axis=0) >= MOVING)]
+
+
+def _levels(run: Trajectory, j: int) -> list[tuple[float, float]]:
+    """Values at which the torque of joint ``j`` is cut off, and the shares of its samples there; largest share first.
+
+    A coarse converter's last level holds more than its next, as a wave stays longest where it turns, but not more than
+    the next few together.
+    """
+    # At rest a torque may well be the same for long, and its largest.
+    tau = run["tau"][np.gradient(run["q"][:, j]) != 0.0, j]
+    span = float(np.ptp(tau)) if len(tau) else 0.0
+    out = []
+    for sign in (1.0, -1.0) if span > 0 else ():
+        extreme = float(sign * np.max(sign * tau))
+        off = np.abs(tau - extreme)
+        at = off <= 1e-9 * max(abs(extreme), 1e-9)
+        if _piled(at, at) and _piled(at, off <= _few_levels(tau)):
+            out.append((extreme, float(at.mean())))
+            continue
+        near = off <= NEAR * span
+        middle = float(np.median(tau[near]))
+        at = np.abs(tau - middle) <= ONE_VALUE * span
+        if _piled(at, near) and _few_levels(tau) < ONE_VALUE * span:
+            out.append((middle, float(at.mean())))
+    return sorted(out, key=lambda found: -found[1])
+
+
+def _piled(at: NDArray[np.bool_], near: NDArray[np.bool_]) -> bool:
+    """Whether samples ``at`` (T,) a value are more than chance, and most of those ``near`` the end of the range."""
+    return bool(at.mean() > CLIPPED_SHARE and 2 * at.sum() > near.sum() and _longest(at) >= CLIPPED_ROW)
+
+
+def _few_levels(tau: Array) -> float:
+    """How far the last :data:`LEVELS` of a coarse converter are apart [N m]; next to nothing of a fine one."""
+    apart = np.diff(np.unique(tau))
+    apart = apart[apart > 1e-6 * np.ptp(tau)]
+    return LEVELS * float(np.median(apart)) if apart.size else 0.0
+
+
+def _longest(flags: NDArray[np.bool_]) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))

@@ -1,0 +1,106 @@
+"""Torque that is cut off at the end of what is measured: seen, told, and no evidence for anything."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.small_arm import HIDDEN, arm, runs, write_logs
+
+from hybrid_dynamics import close_loop
+from hybrid_dynamics.check import checked
+from hybrid_dynamics.check.clipped import clipped_samples
+from hybrid_dynamics.check.content import check_content
+from hybrid_dynamics.cli import main
+from hybrid_dynamics.loop.process import ProcessSettings, process
+from hybrid_dynamics.readers import write_log
+from hybrid_dynamics.readers.resample import resample
+from hybrid_dynamics.trajectory import Trajectory
+
+
+@pytest.fixture(scope="module")
+def run() -> Trajectory:
+    return runs(train=1, test=1)[0][0]
+
+
+def cut_off(run: Trajectory, share: float = 0.6) -> Trajectory:
+    limit = share * np.abs(run["tau"]).max(axis=0)
+    return run.with_signals(tau=np.clip(run["tau"], -limit, limit))
+
+
+@pytest.mark.parametrize("cycles", [1, 3, 40])
+@pytest.mark.parametrize("levels", [6, 9, 20, 90])
+def test_a_wave_on_a_coarse_converter_is_clipped_only_where_it_is_cut_off(cycles, levels):
+    wave = np.sin(2 * np.pi * cycles * np.arange(4000) / 4000 + 0.1)
+
+    def found(tau):
+        log = Trajectory("run", "train", np.arange(4000) / 200, {"q": wave[:, None], "tau": tau[:, None]})
+        return "saturation" in [f.code for f in check_content(log, ("a",))]
+
+    step = 2 / levels
+    assert not found(np.round(wave / step) * step)
+    assert not found(wave)
+    # Of a handful of levels the last may hold as much by itself.
+    assert levels < 20 or found(np.clip(np.round(wave / step) * step, -0.7, 0.7))
+    assert found(np.clip(wave, -0.7, 0.7))
+
+
+def test_a_torque_that_is_cut_off_is_told_by_the_loop_too_and_one_of_a_rest_is_none(run, tmp_path, capsys):
+    logs, clipped = write_logs(tmp_path), cut_off(run)
+    limit = np.abs(clipped["tau"]).max(axis=0)
+
+    def told(log):
+        return [f.line for f in checked(arm(), [log], [], refuse=False).findings if f.code == "saturation"]
+
+    (line,) = told(clipped)
+    assert f"at {limit[0]:.4g} N m" in line or f"at {-limit[0]:.4g} N m" in line
+    assert told(run) == []
+    # Where the arm holds its largest torque at rest, nothing is cut off.
+    most = int(np.argmax(np.abs(run["tau"][:, 0])))
+    still = np.concatenate([np.arange(most), np.full(400, most), np.arange(most, len(run.time))])
+    waits = replace(
+        run, time=run.time[0] + run.dt * np.arange(len(still)), signals={s: x[still] for s, x in run.signals.items()}
+    )
+    assert told(waits.with_signals(dq=np.gradient(waits["q"], waits.dt, axis=0))) == []
+    # By check it is told once, of the log as it was recorded.
+    write_log(tmp_path / "clipped.parquet", clipped, arm().joint_names)
+    with pytest.raises(SystemExit):
+        main(["check", "--robot", str(logs / "robot.urdf"), "--data", str(tmp_path / "clipped.parquet")])
+    assert capsys.readouterr().out.count("saturation") == 1
+
+
+def test_of_a_torque_that_is_cut_off_no_row_counts_whose_window_holds_such_samples(run):
+    settings = ProcessSettings()
+    whole, cut = process(run, arm(), settings), process(cut_off(run), arm(), settings)
+    away = whole.mask & ~cut.mask
+    assert not np.any(cut.mask & ~whole.mask)
+    limit = np.abs(cut_off(run)["tau"]).max(axis=0)
+    # Where the smoothed torque is not the true one, samples were cut off; a window further away is none the worse.
+    wrong = np.abs(whole.tau - cut.tau) > 1e-6 * limit
+    assert away.any(axis=0).all()
+    assert not np.any(wrong & cut.mask)
+    assert np.mean(away) < 2 * np.mean(wrong)
+
+
+def test_samples_that_are_cut_off_are_seen_after_a_log_of_uneven_stamps_is_resampled(run):
+    rng = np.random.default_rng(0)
+    time = run.time + 0.2 * run.dt * rng.uniform(-1, 1, len(run.time))
+    clipped = cut_off(run)
+    (even,) = resample(replace(clipped, time=time), notify=lambda text: None)
+    was = clipped_samples(clipped)
+    seen = clipped_samples(even)
+    assert not clipped_samples(resample(replace(run, time=time), notify=lambda text: None)[0]).any()
+    # But for some samples beside a corner, at which the spline rings.
+    assert abs(seen.mean() - was.mean()) < 0.2 * was.mean()
+
+
+@pytest.mark.parametrize("share", [0.8, 0.6])
+def test_nothing_is_named_for_torque_that_is_cut_off(share):
+    train, test = runs()
+    found = close_loop(arm(), [cut_off(r, share) for r in train], [cut_off(r, share) for r in test])
+    hidden = {(e.effect, e.joints): e.parameters for e in HIDDEN}
+    assert {(e.effect, e.joints) for e in found.model.effects} == set(hidden)
+    assert found.diagnosis.verdict == "explained"
+    for effect in found.model.effects:
+        for name, value in hidden[effect.effect, effect.joints].items():
+            assert abs(effect.parameters[name] - value) < 4 * effect.std_errors[name] + 0.003 * abs(value)
+    assert any("close-loop leaves these stretches out" in note for note in found.diagnosis.notes)
