@@ -295,9 +295,9 @@ def test_what_spoils_its_own_joint_is_refused(monkeypatch: pytest.MonkeyPatch) -
     # What is told of it is what its own joint says.
     assert said.changes[friction] == harm
     told_apart: dict[str, Any] = {"indistinguishable_from": []}
-    why = _why_not(ROBOT, friction, harm, [], told_apart, 2)
+    why = _why_not(ROBOT, friction, harm, [], told_apart, 2, "")
     assert why == "its joint is predicted better without it (+700.0 % mean square error with it)"
-    assert _why_not(ROBOT, friction, replace(harm, alone=False), [], told_apart, 2).startswith("the test runs are")
+    assert _why_not(ROBOT, friction, replace(harm, alone=False), [], told_apart, 2, "").startswith("the test runs are")
     # The name that does the greatest harm goes first: without it the other may be right.
     other = replace(silent, relative=0.3, contradicts=True)
 

@@ -50,6 +50,9 @@ class Declared:
     is_body: ClassVar[bool] = False
     #: All bodies of the robot at once: they can make any multiple of its torque.
     all_links: ClassVar[bool] = False
+    #: What may be another from one recording to the next: in which words, and by which parameters (if
+    #: a few poses tell them) that is said.
+    between_runs: ClassVar[tuple[str, tuple[str, ...]] | None] = None
     #: True where the torque is not exactly linear in the coordinates.
     nonlinear: ClassVar[bool] = False
     #: Names of the settings it may have (what they may be: ``effects/settings.py``).

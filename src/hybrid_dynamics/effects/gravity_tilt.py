@@ -60,6 +60,7 @@ def mounted(gravity: Array) -> Effect:
 class GravityTilt(Family):
     name = "gravity_tilt"
     scope = "robot"
+    between_runs = ("the arm was mounted otherwise", ("roll", "pitch"))
     equation = (
         r"g_\text{base} = R_\text{base}^\top (0, 0, -g)^\top,\quad R_\text{base} = R_y(\text{pitch})\,R_x(\text{roll})"
     )

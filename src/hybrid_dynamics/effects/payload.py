@@ -26,6 +26,7 @@ class Payload(Family):
     changes_body = True
     by_regressor = True
     detachable = True
+    between_runs = ("the arm carried another load", ())
     drawn_against = "time"
     shown_by = "the wrist turns through many orientations at rest and then accelerates in each of them"
     equivalent_to = (

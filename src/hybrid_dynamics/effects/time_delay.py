@@ -25,6 +25,7 @@ from hybrid_dynamics.types import Array
 class TimeDelay(Family):
     name = "time_delay"
     scope = "robot"
+    between_runs = ("the torque was recorded later or earlier", ("delay",))
     known_settings = (RESPONSE,)
     equation = (
         r"\tau_\text{recorded}(t) = \tau_\text{model}(t - d)\quad\text{or}\quad "

@@ -24,6 +24,7 @@ from hybrid_dynamics.loop.floor import Floor, examine
 from hybrid_dynamics.loop.found import Found
 from hybrid_dynamics.loop.model import Model
 from hybrid_dynamics.loop.mounting import as_found, as_mounted, held_upright
+from hybrid_dynamics.loop.other_setup import other_setup
 from hybrid_dynamics.loop.placeholders import with_unmatched, without_placeholders
 from hybrid_dynamics.loop.prepare import Logs, gather, read_motion, resolution
 from hybrid_dynamics.loop.process import Run, process
@@ -154,6 +155,10 @@ def _close(
     parts = list(zip(runs, left, mask, strict=True))
     learned, held_out = parts[: len(logs.train)], parts[len(logs.train) :]
     carried = carried_over(learned, held_out, logs.rounded_away, settings)
+    other = None
+    if plausible.test and (said.refused or carried.worse.any()) and not found.inconsistent:
+        other = other_setup(judge, full, logs.test)
+        said = replace(said, other=other.what if other else "")
     standing = beyond_friction(said.model, learned, held_out, np.where(floor.seen, floor.low, 0.0), settings)
 
     progress(0.9, "describing what is left")
@@ -174,6 +179,7 @@ def _close(
         *searched.notes,
         *held_upright(base, judge.evidence.base),
         *found.notes,
+        *([other.note] if other else []),
         *pushed_in_tests(full, logs.test, settings),
     ]
     diagnosis, models = describe_result(

@@ -94,7 +94,8 @@ class Confirmation:
     """``changes`` per term; ``refused``: terms in the order in which the test runs spoke against them, then those that
     were known beside these alone (``unknown``); ``at_rest``: of the refused those that ask too much of joints that only
     stand in the test runs; ``guesses``: what stood beside the names and by which joints (their numbers) ended worse
-    than they began; ``model`` without all of them, re-fitted; it lists the names as inactive."""
+    than they began; ``model`` without all of them, re-fitted; it lists the names as inactive; ``other``: in
+    which way the test runs look like those of another set-up (:mod:`.other_setup`), if they do."""
 
     changes: dict[Term, TestChange]
     refused: tuple[Term, ...]
@@ -102,6 +103,7 @@ class Confirmation:
     unknown: tuple[Term, ...] = ()
     at_rest: tuple[Term, ...] = ()
     guesses: tuple[tuple[Term, tuple[int, ...]], ...] = ()
+    other: str = ""
 
 
 def confirm(

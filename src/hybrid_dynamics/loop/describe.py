@@ -227,14 +227,22 @@ def _confirmed(
     elif term in said.at_rest:
         out["why_not"] = "it asks more of a joint that stands in the test runs than was measured"
     elif term in said.refused:
-        out["why_not"] = _why_not(robot, term, change, outside, entry, runs)
+        out["why_not"] = _why_not(robot, term, change, outside, entry, runs, said.other)
     return out
 
 
 def _why_not(
-    robot: Robot, term: Term, change: TestChange, outside: list[dict[str, Any]], entry: dict[str, Any], runs: int
+    robot: Robot,
+    term: Term,
+    change: TestChange,
+    outside: list[dict[str, Any]],
+    entry: dict[str, Any],
+    runs: int,
+    setup: str,
 ) -> str:
     """The probable reason, one clause."""
+    if setup:
+        return setup
     own = [
         o
         for o in outside
