@@ -104,3 +104,16 @@ def test_nothing_is_named_for_torque_that_is_cut_off(share):
         for name, value in hidden[effect.effect, effect.joints].items():
             assert abs(effect.parameters[name] - value) < 4 * effect.std_errors[name] + 0.003 * abs(value)
     assert any("close-loop leaves these stretches out" in note for note in found.diagnosis.notes)
+
+
+def test_dry_friction_without_noise_is_constant_and_not_cut_off():
+    """A light joint in a simulator: its torque is at one of two values, and that is all there is to learn from it."""
+    time = np.arange(4000) / 200.0
+    q = np.sin(1.3 * time)
+    log = Trajectory("run", "train", time, {"q": q[:, None], "tau": np.sign(np.gradient(q))[:, None]})
+    assert not clipped_samples(log).any()
+    (told,) = [f for f in check_content(log, ("a",)) if f.code == "saturation"]
+    assert "too much to be left out" in told.text
+    # The control: with the torque of a rotor on top, of which the peaks are cut off.
+    inertia = log.with_signals(tau=np.clip(log["tau"] - 0.8 * q[:, None], -1.6, 1.6))
+    assert 0.0 < clipped_samples(inertia).mean() < 1 / 3

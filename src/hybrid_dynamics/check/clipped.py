@@ -22,38 +22,49 @@ CLIPPED_SHARE, CLIPPED_ROW = 0.005, 5
 #: Next levels of a coarse converter that hold as much as its last one where nothing is clipped: a wave is within the
 #: last k levels for a time that grows as the square root of k, so that the last of four holds half of it.
 LEVELS = 3.5
+#: Share of the samples beyond which they are no exception: the friction of a light joint is a constant, too.
+MOST = 1 / 3
 #: Share of the torque's range within which samples are near its end; and within which those that a resampled log has
 #: there are one value: a spline rings after a corner.
 NEAR, ONE_VALUE = 0.03, 1e-3
+#: What is said of the joints of which such samples are exceptions, and of the others.
+LEFT_OUT = (
+    "clipped; that may be the end of what is measured, and not of what the drive delivers, so close-loop leaves these "
+    "stretches out; record with less torque to learn from all of a run"
+)
+TOO_MANY = (
+    "clipped, or the friction of a light joint and nothing else: too much to be left out; where it is the end of what "
+    "is measured, record with less torque"
+)
 
 
 def check_clipped(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
     """A warning where the torque of a joint that moves piles up at its largest or smallest value."""
     if "tau" not in run:
         return []
-    clauses = []
+    few: list[str] = []
+    many: list[str] = []
     for j in _movers(run):
         levels = _levels(run, j)
+        shares = "; ".join(f"{share:.1%} of the samples at {level:.4g} N m" for level, share in levels)
         if levels:
-            own = "; ".join(f"{share:.1%} of the samples at {level:.4g} N m" for level, share in levels)
-            clauses.append(f"tau{j + 1} ({own})")
-    if not clauses:
-        return []
-    text = (
-        f"{', '.join(clauses)}: clipped; that may be the end of what is measured, and not of what the drive delivers, "
-        "so close-loop leaves these stretches out; record with less torque to learn from all of a run"
-    )
-    return [Finding("saturation", "warning", text, run=run.name)]
+            (few if _exceptions(levels) else many).append(f"tau{j + 1} ({shares})")
+    told = ((few, LEFT_OUT), (many, TOO_MANY))
+    return [Finding("saturation", "warning", f"{', '.join(own)}: {text}", run=run.name) for own, text in told if own]
 
 
 def clipped_samples(run: Trajectory) -> NDArray[np.bool_]:
-    """(T, n) where the torque of a joint that moves is at a value at which it is cut off."""
+    """(T, n) where the torque of a joint that moves is at a value at which it is cut off, unless most samples are."""
     out = np.zeros(run["tau"].shape, bool)
     for j in _movers(run):
-        tau = run["tau"][:, j]
-        for level, _ in _levels(run, j):
+        tau, levels = run["tau"][:, j], _levels(run, j)
+        for level, _ in levels if _exceptions(levels) else ():
             out[:, j] |= np.abs(tau - level) <= ONE_VALUE * np.ptp(tau)
     return out
+
+
+def _exceptions(levels: Sequence[tuple[float, float]]) -> bool:
+    return sum(share for _, share in levels) <= MOST
 
 
 def _movers(run: Trajectory) -> list[int]:
