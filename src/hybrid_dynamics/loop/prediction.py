@@ -24,7 +24,7 @@ from hybrid_dynamics.loop.speeds import own_speeds
 from hybrid_dynamics.loop.uncertainty import Uncertainty
 from hybrid_dynamics.readers.clock import truer_stamps
 from hybrid_dynamics.readers.glitches import repair, told
-from hybrid_dynamics.readers.repeats import without_repeats
+from hybrid_dynamics.readers.repeats import as_sampled
 from hybrid_dynamics.readers.resample import NO_STRETCH, ResampleSettings, resample, uniform_step
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
@@ -120,7 +120,7 @@ def predict(
         raise InputError(
             f"log {log.name}: holds {log.n_joints} joints; robot {model.robot.name} has {model.robot.n_joints}"
         )
-    once = without_repeats(log, notify)
+    once = as_sampled(log, notify)
     repaired, glitches = repair(log)
     # A glitch that a logger wrote twice stands alone once its rows do.
     clean = repaired if once is log else repair(once)[0]

@@ -17,7 +17,7 @@ from hybrid_dynamics.readers.delimited import STANDARD_INPUT
 from hybrid_dynamics.readers.described import converted, read_described
 from hybrid_dynamics.readers.description import COMPENSATED, LogDescription, load_description
 from hybrid_dynamics.readers.glitches import repair, told
-from hybrid_dynamics.readers.repeats import without_repeats
+from hybrid_dynamics.readers.repeats import as_sampled
 from hybrid_dynamics.readers.resample import ResampleSettings, resample, uniform_step
 from hybrid_dynamics.readers.table import read_raw_table, too_few, write_log
 from hybrid_dynamics.robots import Robot
@@ -106,7 +106,7 @@ def pieces_of(
     notify: Notify | None = None,
 ) -> list[Trajectory]:
     """``run``, as :func:`read_raw` gave it, on a uniform grid; ``path`` names it in errors."""
-    run = without_repeats(run, notify)
+    run = as_sampled(run, notify)
     if uniform_step(run.time, settings or ResampleSettings()) is None:
         run = _without_glitches(run, joint_names, notify)
     parts = resample(run, settings, notify)

@@ -6,15 +6,25 @@ torque was left, and links and a spring were named for it. A row that repeats th
 joint, while the arm moves, is no sample: it is left out, and when the samples came is told from the rest
 (:mod:`.clock`).
 
+Where positions alone repeat in motion, and other signals are new, the logger writes the latest of several streams, as
+joined topics are: the torque of one instant beside the position of an earlier one. The log is taken at the instants of
+the positions then. On a simulated arm of which positions came at 100 Hz and torques at 125, each written into every row
+until the next, couplings, springs and links were named, and three times as much (rms) was left as least squares leaves.
+
 A coarse converter repeats values, too, but one joint at a time and by one step; an arm that rests repeats many rows,
 where a logger repeats all as often.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
+from hybrid_dynamics.readers.clock import truer_stamps
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array, Notify
 
@@ -32,40 +42,87 @@ BY_ONE_STEP, ONE_STEP = 0.5, 1.5
 FEWEST_ROWS = 50
 
 
+def as_sampled(run: Trajectory, notify: Notify | None = None) -> Trajectory:
+    """``run`` (any stamps) at the instants at which it was sampled: without rows that repeat all signals, and where
+    positions come more slowly than the others, at theirs. ``notify`` is told what was found."""
+    return at_pace_of_positions(without_repeats(run, notify), notify)
+
+
 def without_repeats(run: Trajectory, notify: Notify | None = None) -> Trajectory:
     """``run`` (any stamps) without rows that repeat the one before them in motion; of a rest as many rows as of a
     motion. ``notify`` is told how many."""
-    if "q" not in run or len(run.time) < FEWEST_ROWS:
+    found = _samples(run, list(run.signals))
+    if found is None:
         return run
-    # Signal by signal: a log of an hour fills much of a memory.
-    same = np.all([(x[1:] == x[:-1]).all(axis=1) for x in run.signals.values()], axis=0)
-    first = np.flatnonzero(np.concatenate([[True], ~same]))
-    lengths = np.diff(np.append(first, len(run.time)))
-    moving = lengths <= RESTS * np.median(lengths)
-    hold = float(lengths[moving].mean())
-    if 1.0 - 1.0 / hold < REPEATED or not _together(run, ~same & (run["q"][1:] != run["q"][:-1]).any(axis=1)):
-        return run
-    rests = zip(first[~moving], lengths[~moving], strict=True)
-    more = [start + np.round(np.arange(hold, length, hold)).astype(int) for start, length in rests]
-    rows = np.unique(np.concatenate([first, *more]))
+    rows, hold = found
     if notify is not None:
         notify(
             f"{run.name}: {1.0 - 1.0 / hold:.0%} of the rows in motion repeat the one before them in every signal: a "
             f"sample comes every {1e3 * run.dt * hold:.3g} ms, logged every {1e3 * run.dt:.3g} ms; {len(run.time)} -> "
             f"{len(rows)} rows"
         )
-    return run.rows(rows[rows < len(run.time)])
+    return run.rows(rows)
 
 
-def _together(run: Trajectory, new: NDArray[np.bool_]) -> bool:
-    """True where signals are ``new`` (T - 1,) together, and not since positions come in coarse steps."""
+def at_pace_of_positions(run: Trajectory, notify: Notify | None = None) -> Trajectory:
+    """``run`` at the instants of its positions, where these repeat in motion while other signals are new: a logger that
+    writes the latest of what came at several rates. ``notify`` is told how many rows that leaves.
+
+    What else comes more slowly than the rows is interpolated between its own samples, as all else is between rows.
+    """
+    found = _samples(run, ["q"])
+    if found is None:
+        return run
+    every, hold = found
+    # When the first was taken, nothing says.
+    rows = every[1:]
+    stamps = np.clip(truer_stamps(run.time[rows], run["q"][rows]), run.time[0], run.time[-1])
+    signals = {"q": run["q"][rows]}
+    for name in (s for s in run.signals if s != "q"):
+        own = _samples(run, [name])
+        at = np.arange(len(run.time)) if own is None else own[0]
+        same = np.array_equal(at, every)
+        signals[name] = run[name][rows] if same else CubicSpline(run.time[at], run[name][at])(stamps)
+    if notify is not None:
+        came, asked = 1e3 * float(np.median(np.diff(stamps))), 1e3 * run.dt
+        notify(
+            f"{run.name}: positions repeat in {1.0 - 1.0 / hold:.0%} of the rows in motion while other signals are "
+            f"new: they come every {came:.3g} ms, logged every {asked:.3g} ms; all signals are taken at the instants "
+            f"of the positions, {len(run.time)} -> {len(rows)} rows"
+        )
+    return replace(run, time=stamps, signals=signals)
+
+
+def _samples(run: Trajectory, names: Sequence[str]) -> tuple[NDArray[np.intp], float] | None:
+    """Rows in which signals ``names`` are new, of a rest as many as of a motion, and how many rows a sample lasts in
+    motion; None where rows repeat no sample."""
+    if "q" not in run or len(run.time) < FEWEST_ROWS:
+        return None
+    # Signal by signal: a log of an hour fills much of a memory.
+    same = np.all([(run[s][1:] == run[s][:-1]).all(axis=1) for s in names], axis=0)
+    first = np.flatnonzero(np.concatenate([[True], ~same]))
+    lengths = np.diff(np.append(first, len(run.time)))
+    moving = lengths <= RESTS * np.median(lengths)
+    hold = float(lengths[moving].mean())
+    moves = (run["q"][1:] != run["q"][:-1]).any(axis=1) if "q" in names else True
+    if 1.0 - 1.0 / hold < REPEATED or not _together(run, names, ~same & moves):
+        return None
+    rests = zip(first[~moving], lengths[~moving], strict=True)
+    more = [start + np.round(np.arange(hold, length, hold)).astype(int) for start, length in rests]
+    rows = np.unique(np.concatenate([first, *more]))
+    return rows[rows < len(run.time)], hold
+
+
+def _together(run: Trajectory, names: Sequence[str], new: NDArray[np.bool_]) -> bool:
+    """True where signals ``names`` are ``new`` (T - 1,) together, and not since they come in coarse steps."""
     if not new.any():
         return False
-    share = np.concatenate([(x[1:][new] != x[:-1][new]).mean(axis=0) for x in run.signals.values()])
+    share = np.concatenate([(run[s][1:][new] != run[s][:-1][new]).mean(axis=0) for s in names])
     share = share[share > STILL]
     if len(share) < FEWEST or np.median(share) < TOGETHER:
         return False
-    return not all(_is_coarse(x) for x in np.abs(run["q"][1:][new] - run["q"][:-1][new]).T if x.any())
+    signal = run["q" if "q" in names else names[0]]
+    return not all(_is_coarse(x) for x in np.abs(signal[1:][new] - signal[:-1][new]).T if x.any())
 
 
 def _is_coarse(changes: Array) -> bool:

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from hybrid_dynamics.errors import require
 from hybrid_dynamics.readers.clock import truer_stamps
 from hybrid_dynamics.readers.jumps import TWO_RUNS, find_jumps, stretches_between
-from hybrid_dynamics.readers.repeats import without_repeats
+from hybrid_dynamics.readers.repeats import as_sampled
 from hybrid_dynamics.trajectory import Trajectory, instant
 from hybrid_dynamics.types import Array, Notify
 
@@ -79,7 +79,7 @@ def resample(
     """
     settings = settings or ResampleSettings()
     tell = notify or (lambda message: None)
-    trajectory = without_repeats(trajectory, tell)
+    trajectory = as_sampled(trajectory, tell)
     cuts = find_gaps(trajectory.time, settings)
     bounds = np.concatenate([[0], cuts + 1, [len(trajectory.time)]])
     dt = settings.dt or round(float(np.median(np.diff(trajectory.time))), 9)
