@@ -112,8 +112,20 @@ def test_dry_friction_without_noise_is_constant_and_not_cut_off():
     q = np.sin(1.3 * time)
     log = Trajectory("run", "train", time, {"q": q[:, None], "tau": np.sign(np.gradient(q))[:, None]})
     assert not clipped_samples(log).any()
-    (told,) = [f for f in check_content(log, ("a",)) if f.code == "saturation"]
-    assert "too much to be left out" in told.text
     # The control: with the torque of a rotor on top, of which the peaks are cut off.
     inertia = log.with_signals(tau=np.clip(log["tau"] - 0.8 * q[:, None], -1.6, 1.6))
     assert 0.0 < clipped_samples(inertia).mean() < 1 / 3
+    # And one that is cut off for most of the time: told, and kept.
+    most = log.with_signals(tau=np.clip(q[:, None], -0.7, 0.7))
+    (told,) = [f for f in check_content(most, ("a",)) if f.code == "saturation"]
+    assert "too much to be left out" in told.text
+    assert not clipped_samples(most).any()
+
+
+@pytest.mark.parametrize("hold", [1, 4, 13])
+def test_a_torque_that_comes_more_slowly_than_the_rows_repeats_each_value(run, hold):
+    slow = np.arange(len(run.time)) // hold * hold
+    held = run.with_signals(tau=run["tau"][slow])
+    assert not clipped_samples(held).any()
+    cut = cut_off(run)
+    assert clipped_samples(cut.with_signals(tau=cut["tau"][slow])).any(axis=0).all()

@@ -17,7 +17,7 @@ from hybrid_dynamics.types import Array
 
 #: Range [rad or m] that a joint must cover to count as moving.
 MOVING = 0.02
-#: Share of the samples at one extreme value that is no coincidence, and how many in a row.
+#: Share of the samples at one extreme value that is no coincidence, and how many in a row, in rows that a sample lasts.
 CLIPPED_SHARE, CLIPPED_ROW = 0.005, 5
 #: Next levels of a coarse converter that hold as much as its last one where nothing is clipped: a wave is within the
 #: last k levels for a time that grows as the square root of k, so that the last of four holds half of it.
@@ -85,20 +85,30 @@ def _levels(run: Trajectory, j: int) -> list[tuple[float, float]]:
         extreme = float(sign * np.max(sign * tau))
         off = np.abs(tau - extreme)
         at = off <= 1e-9 * max(abs(extreme), 1e-9)
-        if _piled(at, at) and _piled(at, off <= _few_levels(tau)):
+        row = CLIPPED_ROW * _held(tau, at)
+        if _piled(at, at, row) and _piled(at, off <= _few_levels(tau), row):
             out.append((extreme, float(at.mean())))
             continue
         near = off <= NEAR * span
         middle = float(np.median(tau[near]))
         at = np.abs(tau - middle) <= ONE_VALUE * span
-        if _piled(at, near) and _few_levels(tau) < ONE_VALUE * span:
+        if _piled(at, near, CLIPPED_ROW) and _few_levels(tau) < ONE_VALUE * span:
             out.append((middle, float(at.mean())))
     return sorted(out, key=lambda found: -found[1])
 
 
-def _piled(at: NDArray[np.bool_], near: NDArray[np.bool_]) -> bool:
-    """Whether samples ``at`` (T,) a value are more than chance, and most of those ``near`` the end of the range."""
-    return bool(at.mean() > CLIPPED_SHARE and 2 * at.sum() > near.sum() and _longest(at) >= CLIPPED_ROW)
+def _piled(at: NDArray[np.bool_], near: NDArray[np.bool_], row: float) -> bool:
+    """Whether samples ``at`` (T,) a value are more than chance, some ``row`` of them in a row, and most of those
+    ``near`` the end of the range."""
+    return bool(at.mean() > CLIPPED_SHARE and 2 * at.sum() > near.sum() and _longest(at) >= row)
+
+
+def _held(tau: Array, at: NDArray[np.bool_]) -> float:
+    """How many rows a sample of ``tau`` (T,) lasts elsewhere than ``at`` its end: a torque that comes more slowly than
+    the rows repeats each."""
+    elsewhere = ~at[1:]
+    changes = np.sum((np.diff(tau) != 0.0) & elsewhere)
+    return float(elsewhere.sum() / max(changes, 1)) if elsewhere.any() else 1.0
 
 
 def _few_levels(tau: Array) -> float:

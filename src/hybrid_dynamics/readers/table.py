@@ -257,6 +257,10 @@ def _column(table: pa.Table, name: str, file: Path, first_row: int) -> Array:
     return numbers_of(table.column(name), name, file, first_row)
 
 
+#: Share of a column that holds nothing beyond which it is no slip, but a stream beside faster ones.
+JOINED = 0.1
+
+
 def numbers_of(column: pa.ChunkedArray, name: str, file: str | os.PathLike[str], first_row: int) -> Array:
     """Column ``name`` as finite numbers; raises :class:`InputError` naming the first value that is none."""
     if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
@@ -275,6 +279,11 @@ def numbers_of(column: pa.ChunkedArray, name: str, file: str | os.PathLike[str],
         more = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
         comma = isinstance(found, str) and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", found) is not None
         remedy = "write it with a point in the place of the comma" if comma else "remove the row or repair it"
+        if text == "nothing" and len(bad) > JOINED * len(values):
+            remedy = (
+                "where streams were joined, fill blanks with the last value (ffill); the log is then taken at the "
+                "instants of its positions"
+            )
         raise InputError(
             f"{file}: column '{name}', row {bad[0] + first_row} holds {text}{more}; expected a finite number: {remedy}"
         )
