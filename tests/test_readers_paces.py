@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,6 +13,8 @@ from numpy.typing import NDArray
 from tests.small_arm import HIDDEN, arm, noisy_log
 
 from hybrid_dynamics import close_loop
+from hybrid_dynamics.errors import InputError
+from hybrid_dynamics.readers.log import pieces_of, read_raw
 from hybrid_dynamics.readers.repeats import as_sampled, at_pace_of_positions
 from hybrid_dynamics.readers.resample import resample
 from hybrid_dynamics.trajectory import Trajectory
@@ -106,3 +111,36 @@ def test_what_is_hidden_is_found_in_a_log_of_two_streams() -> None:
     train = [streams(noisy_log(HIDDEN, seed, "train", 0.02)) for seed in (1, 2)]
     result = close_loop(arm(), train, [streams(noisy_log(HIDDEN, 3, "test", 0.02))])
     assert {(e.effect, e.joints) for e in result.model.effects} == {(e.effect, e.joints) for e in HIDDEN}
+
+
+def _outer_join(streams: dict[str, tuple[Array, Array]]) -> pd.DataFrame:
+    """``{signal: (stamps, values)}`` as one table with blanks, as pandas joins them."""
+    tables = [
+        pd.DataFrame(values, index=pd.Index(stamps, name="time"), columns=[f"{name}{j + 1}" for j in range(2)])
+        for name, (stamps, values) in streams.items()
+    ]
+    return pd.concat(tables, axis=1).sort_index().reset_index()
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_streams_that_were_joined_with_blanks_are_read(tmp_path: Path, suffix: str) -> None:
+    of_q, of_tau = np.arange(0.0, 6.0, 0.010), np.arange(0.003, 6.0, 0.0076)
+    table = _outer_join({"q": (of_q, positions(of_q)), "tau": (of_tau, torque(of_tau))})
+    file = tmp_path / f"log.{suffix}"
+    write = {"csv": lambda t: t.to_csv(file, index=False), "parquet": lambda t: t.to_parquet(file)}[suffix]
+    write(table)
+    lines: list[str] = []
+    raw = read_raw(file, ("a", "b"), notify=lines.append)
+    assert raw.time[0] == of_tau[0], "before that there is no torque"
+    assert ["q is blank in" in lines[0], "tau is blank in" in lines[1]] == [True, True]
+    (run,) = pieces_of(file, raw, ("a", "b"))
+    np.testing.assert_allclose(run["q"], positions(run.time), atol=1e-7)
+    np.testing.assert_allclose(run["tau"][2:-2], torque(run.time)[2:-2], atol=1e-5)
+    # What is blank otherwise is a fault of the log.
+    for fault in (table.index % 2 == 0, table.index % 50 == 0):
+        broken = table.ffill().dropna()
+        columns = ["tau1"] if fault.sum() > len(broken) / 4 else ["tau1", "tau2"]
+        broken.loc[fault[broken.index], columns] = np.nan
+        write(broken)
+        with pytest.raises(InputError, match=r"tau1', row .* expected a finite number"):
+            read_raw(file, ("a", "b"))

@@ -13,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from hybrid_dynamics.errors import InputError
 from hybrid_dynamics.files import atomic_path
@@ -30,6 +32,8 @@ TEXT = (".csv", ".txt", ".tsv", ".dat")
 COARSE_STAMPS = 0.05
 MAX_STEP = 0.5
 SUSPICIOUS_ANGLE = 30.0
+#: Share of a column that holds nothing beyond which it is no slip, but a stream beside faster ones.
+JOINED = 0.1
 #: A log of few samples is too slow rather than too short below this rate [Hz].
 SLOW = 10.0
 
@@ -54,6 +58,8 @@ def read_raw_table(
     name = name if name is not None else file.stem
     table, first_row = _load(file)
     signals = _signals(table, file, joint_names, torque)
+    table, begun = _streams_joined(table, signals, len(joint_names), name, tell)
+    first_row += begun
     if table.num_rows < min(settings.min_rows, 2):
         raise too_few(file, np.empty(table.num_rows), settings.min_rows)
     time = _column(table, "time", file, first_row)
@@ -253,12 +259,39 @@ def _signals(table: pa.Table, file: Path, joint_names: Sequence[str], torque: bo
     return signals
 
 
+def _streams_joined(table: pa.Table, signals: Sequence[str], n: int, name: str, tell: Notify) -> tuple[pa.Table, int]:
+    """``table`` with the last value where a stream has none beside others, from the row on (the second value) at which
+    all have begun; ``tell`` hears of it.
+
+    A stream has none where all columns of a signal are blank together. What is blank otherwise stays, and is refused.
+    """
+    begun = 0
+    for signal in signals if table.num_rows else ():
+        columns = [f"{signal}{j}" for j in range(1, n + 1)]
+        blank = np.array([_is_blank(table.column(column)) for column in columns])
+        empty = np.asarray(blank.all(axis=0))
+        if not JOINED < empty.mean() < 1 or np.any(blank != empty):
+            continue
+        last = pa.array(np.maximum.accumulate(np.where(empty, 0, np.arange(table.num_rows))))
+        for column in columns:
+            k = table.column_names.index(column)
+            table = table.set_column(k, table.schema.field(k), table.column(column).take(last))
+        begun = max(begun, int(np.argmin(empty)))
+        share = f"{empty.mean():.0%}"
+        tell(f"{name}: {signal} is blank in {share} of the rows, as where streams are joined: its last value is taken")
+    return table.slice(begun), begun
+
+
+def _is_blank(column: pa.ChunkedArray) -> NDArray[np.bool_]:
+    """(T,) where ``column`` holds nothing."""
+    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        nothing = pc.fill_null(pc.equal(pc.utf8_trim_whitespace(column), ""), True)
+        return np.asarray(nothing)
+    return np.asarray(column.is_null(nan_is_null=pa.types.is_floating(column.type)))
+
+
 def _column(table: pa.Table, name: str, file: Path, first_row: int) -> Array:
     return numbers_of(table.column(name), name, file, first_row)
-
-
-#: Share of a column that holds nothing beyond which it is no slip, but a stream beside faster ones.
-JOINED = 0.1
 
 
 def numbers_of(column: pa.ChunkedArray, name: str, file: str | os.PathLike[str], first_row: int) -> Array:
