@@ -64,7 +64,7 @@ def checked(
     findings: list[Finding] = []
     mended: list[Trajectory] = []
     for run in [*train, *test]:
-        findings += check_clipped(run, body.joint_names)
+        findings += check_clipped(run, body)
         clean, found = repair(run)
         most = max((len(g.rows) for g in found), default=0) / max(len(run.time), 1)
         severity: Severity = "warning" if most > MANY else "note"
@@ -148,7 +148,7 @@ def checked_log(model: Robot | Completed, log: Trajectory, refuse: bool = True) 
             of_torque = _torque(model, pieces, fixed=True)[0]
             certain = any(f.severity == "hard" for f in of_torque)
             of_torque = of_torque if certain else [*check_known(model, pieces), *of_torque]
-            findings += [_of_held_signals(f, [log]) for f in of_torque]
+            findings += [*check_clipped(log, body), *(_of_held_signals(f, [log]) for f in of_torque)]
     _stop(findings, refuse, options)
     if not refuse:
         findings += [

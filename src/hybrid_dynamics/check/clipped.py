@@ -10,8 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_closing, find_objects, gaussian_filter1d, label
 
 from hybrid_dynamics.check.findings import Finding
+from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
 from hybrid_dynamics.types import Array
 
@@ -27,6 +29,10 @@ MOST = 1 / 3
 #: Share of the torque's range within which samples are near its end; and within which those that a resampled log has
 #: there are one value: a spline rings after a corner.
 NEAR, ONE_VALUE = 0.03, 1e-3
+#: Torque of the robot's own bodies that changes by less than this share of its spread along stretches of such samples
+#: (rms, from half to half and from the middle to the ends) is constant as they are. So near [s] their ends it is
+#: smeared by a bell of this standard deviation [s]; stretches of fewer samples say nothing.
+EVEN, EDGES, SMOOTHED, FEWEST = 0.03, 0.05, 0.015, 8
 #: What is said of the joints of which such samples are exceptions, and of the others.
 LEFT_OUT = (
     "clipped; that may be the end of what is measured, and not of what the drive delivers, so close-loop leaves these "
@@ -38,14 +44,14 @@ TOO_MANY = (
 )
 
 
-def check_clipped(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
-    """A warning where the torque of a joint that moves piles up at its largest or smallest value."""
+def check_clipped(run: Trajectory, robot: Robot) -> list[Finding]:
+    """A warning where the torque of a joint of ``robot`` that moves piles up at its largest or smallest value."""
     if "tau" not in run:
         return []
     few: list[str] = []
     many: list[str] = []
     for j in _movers(run):
-        levels = _levels(run, j)
+        levels = _cut_off(run, j, robot)
         shares = "; ".join(f"{share:.1%} of the samples at {level:.4g} N m" for level, share in levels)
         if levels:
             (few if _exceptions(levels) else many).append(f"tau{j + 1} ({shares})")
@@ -53,18 +59,59 @@ def check_clipped(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
     return [Finding("saturation", "warning", f"{', '.join(own)}: {text}", run=run.name) for own, text in told if own]
 
 
-def clipped_samples(run: Trajectory) -> NDArray[np.bool_]:
-    """(T, n) where the torque of a joint that moves is at a value at which it is cut off, unless most samples are."""
+def clipped_samples(run: Trajectory, robot: Robot) -> NDArray[np.bool_]:
+    """(T, n) where the torque of a joint of ``robot`` that moves is at a value at which it is cut off, unless most
+    samples are."""
     out = np.zeros(run["tau"].shape, bool)
     for j in _movers(run):
-        tau, levels = run["tau"][:, j], _levels(run, j)
+        levels = _cut_off(run, j, robot)
         for level, _ in levels if _exceptions(levels) else ():
-            out[:, j] |= np.abs(tau - level) <= ONE_VALUE * np.ptp(tau)
+            out[:, j] |= _at(run["tau"][:, j], level)
     return out
 
 
+def own_torque(robot: Robot, q: Array, dt: float) -> Array:
+    """(T, n) [N m] of ``robot``'s bodies along smooth positions ``q`` (T, n) [rad], ``dt`` [s] apart."""
+    dq = np.gradient(q, dt, axis=0)
+    return robot.inverse_dynamics(q, dq, np.gradient(dq, dt, axis=0))
+
+
+def _at(tau: Array, level: float) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(tau - level) <= ONE_VALUE * np.ptp(tau))
+
+
+def _cut_off(run: Trajectory, j: int, robot: Robot) -> list[tuple[float, float]]:
+    """:func:`_levels` at which the motion does not ask for the same torque all the while.
+
+    Where an axis accelerates evenly, as along the trapezoidal speeds of most controllers, the torque is constant, too.
+    """
+    levels = _levels(run, j)
+    if not levels:
+        return []
+    # A bell rings at no corner, as sharper filters do.
+    q = gaussian_filter1d(run["q"], max(SMOOTHED / run.dt, 1.0), axis=0, mode="nearest")
+    own, reach = own_torque(robot, q, run.dt)[:, j], max(round(EDGES / run.dt), 1)
+    return [found for found in levels if _changes(own, _at(run["tau"][:, j], found[0]), reach)]
+
+
+def _changes(own: Array, at: NDArray[np.bool_], reach: int) -> bool:
+    """Whether ``own`` (T,) changes along the stretches of ``at`` (T,), ``reach`` samples (of short ones a quarter) away
+    from their ends; where all are very short, nothing says that it does not."""
+    # Noise within the value's width breaks a stretch that the eye sees as one.
+    whole = binary_closing(at, iterations=CLIPPED_ROW)
+    parts = [own[part] for (part,) in find_objects(label(whole)[0]) if part.stop - part.start >= FEWEST]
+    parts = [part[ends : len(part) - ends] for part in parts for ends in [min(reach, len(part) // 4)]]
+    if not parts:
+        return True
+    halves = [[half.mean() for half in np.array_split(part, 2)] for part in parts]
+    quarters = [np.array_split(part, 4) for part in parts]
+    middle = [np.concatenate(q[1:3]).mean() - np.concatenate([q[0], q[3]]).mean() for q in quarters]
+    changes = np.diff(halves, axis=1)[:, 0] ** 2 + np.square(middle)
+    return bool(np.sqrt(np.average(changes, weights=[len(part) for part in parts])) > EVEN * own.std())
+
+
 def _exceptions(levels: Sequence[tuple[float, float]]) -> bool:
-    return sum(share for _, share in levels) <= MOST
+    return bool(sum(share for _, share in levels) <= MOST)
 
 
 def _movers(run: Trajectory) -> list[int]:

@@ -1,4 +1,4 @@
-"""What is in a log: rate, gaps, jitter, held and clipped samples, steps of the converters, joints that stand still."""
+"""What is in a log: rate, gaps, jitter, held samples, steps of the converters, joints that stand still."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hybrid_dynamics.check.clipped import MOVING, check_clipped
+from hybrid_dynamics.check.clipped import MOVING
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.check.samples import CUTOFF_SHARE
 from hybrid_dynamics.differentiate.butterworth import lowpass
@@ -51,7 +51,7 @@ def check_content(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:
             f"t = {instant(run.time[longest])} s: short ones are interpolated, the run is split at long ones"
         )
         out.append(Finding("gaps", "warning" if lost > 0.05 * len(run.time) else "note", text, run=run.name))
-    return [*out, *_converters(run, joint_names), *check_clipped(run, joint_names)]
+    return [*out, *_converters(run, joint_names)]
 
 
 def _converters(run: Trajectory, joint_names: Sequence[str]) -> list[Finding]:

@@ -11,15 +11,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hybrid_dynamics.check.clipped import own_torque
 from hybrid_dynamics.check.findings import Finding
 from hybrid_dynamics.differentiate.butterworth import lowpass
 from hybrid_dynamics.robots import Robot
 from hybrid_dynamics.trajectory import Trajectory
-from hybrid_dynamics.types import Array
 
 #: A joint tells where the robot's own torque has either sign on at least this share of the samples, and where the
-#: measured one comes as near to zero as this share of its largest.
-BOTH_SIGNS, NEAR_ZERO = 0.1, 0.1
+#: measured one comes as near to zero as this share of its largest: a magnitude turns back at zero, not before.
+BOTH_SIGNS, NEAR_ZERO = 0.1, 0.01
 #: Joints that tell, at least: the torque of one may well be pulled to one side by something.
 FEWEST = 2
 #: Cut-off [Hz] of the motion that the robot's own torque is asked about, and its share of the sampling rate at most.
@@ -33,7 +33,8 @@ def check_magnitude(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
     tau = np.concatenate([run["tau"] for run in runs])
     if not (np.all(tau >= 0) or np.all(tau <= 0)):
         return []
-    own = np.concatenate([_rigid_body_torque(robot, run) for run in runs])
+    smooth = [lowpass(run["q"], run.dt, min(CUTOFF, CUTOFF_SHARE / run.dt)) for run in runs]
+    own = np.concatenate([own_torque(robot, q, run.dt) for q, run in zip(smooth, runs, strict=True)])
     either = np.minimum(np.mean(own > 0, axis=0), np.mean(own < 0, axis=0))
     size = np.abs(tau)
     near = (size.max(axis=0) > 0) & (size.min(axis=0) <= NEAR_ZERO * size.max(axis=0))
@@ -45,11 +46,3 @@ def check_magnitude(robot: Robot, runs: Sequence[Trajectory]) -> list[Finding]:
         "to turn over on the way: it is a magnitude without its direction; log the torque (or current) with its sign"
     )
     return [Finding("torque_unsigned", "hard", text)]
-
-
-def _rigid_body_torque(robot: Robot, run: Trajectory) -> Array:
-    """(T, n) [N m] of ``robot`` along the positions of ``run``, smoothed."""
-    cutoff = min(CUTOFF, CUTOFF_SHARE / run.dt)
-    q = lowpass(run["q"], run.dt, cutoff)
-    dq = np.gradient(q, run.dt, axis=0)
-    return robot.inverse_dynamics(q, dq, np.gradient(dq, run.dt, axis=0))

@@ -131,6 +131,7 @@ def look(
 ) -> list[Finding]:
     """All findings on the logs, worst first: as close-loop looks at them or, where ``model`` is given, as predict."""
     from hybrid_dynamics.check import checked, checked_log
+    from hybrid_dynamics.check.clipped import check_clipped
     from hybrid_dynamics.check.content import check_content
     from hybrid_dynamics.check.excitation import check_excitation
     from hybrid_dynamics.check.findings import Finding, ordered
@@ -152,7 +153,7 @@ def look(
         else:
             # Steps, plateaus and silence are those of what was logged: a weight on top hides them.
             raw = read_raw(path, robot, name, split, notify=notices.append, log=as_logged(form))
-            found += check_content(raw, robot.joint_names)
+            found += [*check_content(raw, robot.joint_names), *check_clipped(raw, robot)]
             whole = with_weight(raw, robot, form)
             runs[split] += pieces_of(path, whole, robot.joint_names, notify=notices.append)
         found += [Finding("reading", "note", text) for text in notices]

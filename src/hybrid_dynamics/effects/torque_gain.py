@@ -23,6 +23,7 @@ from hybrid_dynamics.types import Array
 class TorqueGain(Family):
     name = "torque_gain"
     scope = "joint"
+    between_runs = ("the torque was read by another factor", ("gain",))
     equation = r"\tau = (k - 1)\,\tau_\text{model without the gain},\quad k > 0"
     shared = True
     parameters = (Parameter("gain", "1"),)

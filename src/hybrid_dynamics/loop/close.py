@@ -146,6 +146,12 @@ def _close(
     full = found.model(found.terms)
     # What the training runs teach leaves nothing open of how the test runs are read.
     by_model = told_by_model(full, plausible.test, plausible.train)
+    comparable = bool(plausible.test) and not found.inconsistent
+    doubted = comparable and any(f.severity == "hard" for f in by_model)
+    other = other_setup(judge, full, logs.test) if doubted else None
+    if other is not None and not other.misread:
+        # Another tool is no fault of a log.
+        by_model = [f for f in by_model if f.severity != "hard"]
     refuse_hard(by_model)
     said = confirm(judge, base, full, found, logs.test, terms)
     runs = [*logs.train, *logs.test]
@@ -155,10 +161,9 @@ def _close(
     parts = list(zip(runs, left, mask, strict=True))
     learned, held_out = parts[: len(logs.train)], parts[len(logs.train) :]
     carried = carried_over(learned, held_out, logs.rounded_away, settings)
-    other = None
-    if plausible.test and (said.refused or carried.worse.any()) and not found.inconsistent:
+    if comparable and not doubted and (said.refused or carried.worse.any()):
         other = other_setup(judge, full, logs.test)
-        said = replace(said, other=other.what if other else "")
+    said = replace(said, other=other.what if other else "")
     standing = beyond_friction(said.model, learned, held_out, np.where(floor.seen, floor.low, 0.0), settings)
 
     progress(0.9, "describing what is left")

@@ -257,18 +257,19 @@ def predict_run(model: Model, run: Run) -> Array:
 
 
 def errors_of(model: Model, runs: Sequence[Run], moving: bool = False) -> dict[str, Any]:
-    """The three error measures pooled over ``runs``; with ``moving`` only samples where the joint moves."""
+    """The three error measures pooled over ``runs``, but for samples where the torque is cut off; with ``moving`` only
+    samples where the joint moves."""
     tau = np.concatenate([run.tau for run in runs])
     hat = np.concatenate([predict_run(model, run) for run in runs])
-    if not moving:
+    mask = np.concatenate([run.mask if moving else ~run.cut_off for run in runs])
+    if mask.all():
         e = torque_errors(tau, hat)
         return {
             "rmse": [float(v) for v in e.rmse],
             "relative_rmse": [float(v) for v in e.relative_rmse],
             "relative_error": e.relative_error,
         }
-    mask = np.concatenate([run.mask for run in runs])
-    rmse = moving_rms(model, runs)
+    rmse = _rms(tau - hat, mask)
     spread = np.array([tau[mask[:, j], j].std() if mask[:, j].any() else 0.0 for j in range(tau.shape[1])])
     size = float(np.linalg.norm(tau[mask]))
     return {
@@ -286,9 +287,12 @@ def moving_rms(model: Model, runs: Sequence[Run]) -> Array:
 def rms_in_motion(values: Sequence[Array], runs: Sequence[Run]) -> Array:
     """(n,) rms of ``values``, (K, n) of each of ``runs``, over the samples where each joint moves; 0 where it never
     does."""
-    mask = np.concatenate([run.mask for run in runs])
+    return _rms(np.concatenate(values), np.concatenate([run.mask for run in runs]))
+
+
+def _rms(values: Array, mask: NDArray[np.bool_]) -> Array:
     count = np.maximum(mask.sum(axis=0), 1)
-    return np.asarray(np.sqrt((np.concatenate(values) ** 2 * mask).sum(axis=0) / count))
+    return np.asarray(np.sqrt((values**2 * mask).sum(axis=0) / count))
 
 
 def verdict_of(named: bool, explained: NDArray[np.bool_]) -> str:

@@ -67,9 +67,10 @@ class ProcessSettings:
 class Run:
     """One processed run. ``motion`` holds M states; ``time`` (K,), ``q dq ddq tau`` (K, n) are smoothed, decimated.
 
-    ``mask`` (K, n) is true where the joint moves and its torque is not cut off (:mod:`hybrid_dynamics.check.clipped`),
-    over the whole filter window. ``smooth`` maps (M, ...) to (K, ...); a row of its result is made of ``window``
-    states, the next one of those ``every`` later.
+    ``cut_off`` (K, n) is true where the torque is, somewhere in the filter's window
+    (:mod:`hybrid_dynamics.check.clipped`), and ``mask`` (K, n) where the joint moves over all of it and that is not so.
+    ``smooth`` maps (M, ...) to (K, ...); a row of its result is made of ``window`` states, the next one of those
+    ``every`` later.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Run:
     ddq: Array
     tau: Array
     mask: NDArray[np.bool_]
+    cut_off: NDArray[np.bool_]
     smooth: Callable[[Array], Array]
     cutoff: float
     window: int
@@ -196,7 +198,7 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
     rows = first + keep * step * np.arange(count)
     speed = minimum_filter1d(np.abs(dq[inside]), size=2 * half + 1, axis=0)
     crossing = minimum_filter1d(dq[inside], 2 * half + 1, axis=0) * -minimum_filter1d(-dq[inside], 2 * half + 1, axis=0)
-    cut_off = maximum_filter1d(clipped_samples(trajectory)[inside], size=2 * half + 1, axis=0)
+    cut_off = maximum_filter1d(clipped_samples(trajectory, robot)[inside], size=2 * half + 1, axis=0)
     mask = (speed >= settings.slow_speed) & (crossing > 0) & ~cut_off
     return Run(
         name=trajectory.name,
@@ -207,6 +209,7 @@ def process(trajectory: Trajectory, robot: Robot, settings: ProcessSettings) -> 
         ddq=smooth(motion.ddq),
         tau=torque[rows],
         mask=mask[rows - trim],
+        cut_off=cut_off[rows - trim],
         smooth=smooth,
         cutoff=cutoff,
         window=2 * edge + 1,

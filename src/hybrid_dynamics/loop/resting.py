@@ -86,13 +86,13 @@ def _held_by(base: Model, runs: Sequence[Run], speed: float) -> Array:
 
 def standing_rows(model: Model, run: Run, speed: float) -> Mask:
     """(K, n) where each joint has been slower than ``speed`` over the filter's window, and for as long as the torque of
-    the motion before is still recorded, by the ``model`` of this run."""
+    the motion before is still recorded, by the ``model`` of this run, and its torque is not cut off."""
     slow = run.smooth((np.abs(run.motion.dq) < speed).astype(float)) > 1.0 - 1e-9
     read = model.readings
     rows = np.arange(len(slow))[:, None]
     last = np.maximum.accumulate(np.where(slow, -len(slow), rows), axis=0)
     since = (rows - last) * float(run.time[1] - run.time[0])
-    return np.asarray(slow & (since > read.delay + FORGETS * read.lag))
+    return np.asarray(slow & ~run.cut_off & (since > read.delay + FORGETS * read.lag))
 
 
 def rests(time: Array, slow: NDArray[np.bool_]) -> list[slice]:
