@@ -28,7 +28,7 @@ from hybrid_dynamics.loop.trace import Judge
 
 #: Share of what the model leaves of the test runs beyond the floors that a set-up has to take: half is left (rms).
 TAKES = 0.75
-#: It is asked of samples at positions and speeds that the training runs have been through, and of a quarter of all at
+#: It is asked of samples at positions and speeds that the joint had in the training runs, and of a quarter of all at
 #: least: elsewhere a law that the model lacks looks like a load, too (of nine small arms with a cubic spring, learned
 #: from on one side and tested on the other, it did on all).
 BEEN_THERE = 0.25
@@ -70,12 +70,12 @@ def other_setup(judge: Judge, model: Model, tests: Sequence[Run]) -> OtherSetup 
 
 
 def _been_there(run: Run, train: Sequence[Run]) -> Run:
-    """``run`` of which only rows count at which every joint is where, and as fast as, it was in ``train``."""
-    inside = np.ones(len(run.time), bool)
+    """``run`` of which only rows count at which a joint is where, and as fast as, it was in ``train``."""
+    inside = run.mask
     for name in ("q", "dq"):
         seen, asked = np.concatenate([getattr(r, name) for r in train]), getattr(run, name)
-        inside &= np.all((asked >= seen.min(axis=0)) & (asked <= seen.max(axis=0)), axis=1)
-    return replace(run, mask=run.mask & inside[:, None])
+        inside = inside & (asked >= seen.min(axis=0)) & (asked <= seen.max(axis=0))
+    return replace(run, mask=inside)
 
 
 def _differs(judge: Judge, model: Model, runs: Sequence[Run], look: str) -> OtherSetup | None:
