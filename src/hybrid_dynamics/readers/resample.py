@@ -73,7 +73,8 @@ def resample(
     """``trajectory`` (strictly increasing stamps) on a uniform grid; several parts where gaps are too long.
 
     So it is where positions jump (:mod:`.jumps`). A run in one part keeps its name; parts are called ``name.part1``,
-    ``name.part2`` ... Rows that a logger wrote twice are left out (:mod:`.repeats`). Where the positions say that the
+    ``name.part2`` ... Rows that a logger wrote twice are left out, and joined streams taken at the pace of the
+    positions (:mod:`.repeats`). Where the positions say that the
     samples are of an even clock and the stamps are not (:func:`.clock.truer_stamps`), they are taken as even.
     ``notify`` is told the grid, every gap and every jump.
     """
