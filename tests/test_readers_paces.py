@@ -86,6 +86,19 @@ def test_coarse_positions_beside_a_fresh_torque_are_no_slow_stream(step: float) 
     assert at_pace_of_positions(log) is log
 
 
+@pytest.mark.parametrize("bits", [10, 11, 12, 13, 14, 16])
+@pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0])
+def test_an_encoder_that_repeats_in_slow_motion_is_no_slow_stream(bits: int, rate: float) -> None:
+    """Joints that are fast and slow together repeat together, too, and by several steps."""
+    step = 2 * np.pi / 2**bits
+    for seed in (1, 2, 3):
+        log = noisy_log(HIDDEN, seed, "train", 0.02)
+        time = log.time[0] + np.arange(len(log.time)) / rate
+        q = np.stack([np.interp(time, log.time, column) for column in log["q"].T], axis=1)
+        coarse = Trajectory("log", "train", time, {"q": np.round(q / step) * step, "tau": log["tau"]})
+        assert at_pace_of_positions(coarse) is coarse
+
+
 def test_joints_that_move_in_turn_and_rests_are_no_slow_stream() -> None:
     time = STEP * np.arange(ROWS)
     q = positions(time) * np.stack([time < 5.0, (time > 5.0) & (time < 8.0)], axis=1)

@@ -38,6 +38,8 @@ TOGETHER = 0.8
 STILL, FEWEST = 0.01, 2
 #: Share of a position's changes that are by one step of it beyond which it is the converter that is coarse.
 BY_ONE_STEP, ONE_STEP = 0.5, 1.5
+#: In the faster half of a motion positions of a slow stream repeat more than so many times as often as in the slower.
+AS_OFTEN = 0.5
 #: A log of fewer rows says nothing.
 FEWEST_ROWS = 50
 
@@ -71,7 +73,7 @@ def at_pace_of_positions(run: Trajectory, notify: Notify | None = None) -> Traje
     What else comes more slowly than the rows is interpolated between its own samples, as all else is between rows.
     """
     found = _samples(run, ["q"])
-    if found is None:
+    if found is None or not _at_any_speed(run["q"], *found):
         return run
     every, hold = found
     # When the first was taken, nothing says.
@@ -91,6 +93,19 @@ def at_pace_of_positions(run: Trajectory, notify: Notify | None = None) -> Traje
             f"of the positions, {len(run.time)} -> {len(rows)} rows"
         )
     return replace(run, time=stamps, signals=signals)
+
+
+def _at_any_speed(q: Array, rows: NDArray[np.intp], hold: float) -> bool:
+    """Whether positions ``q`` (T, n) that are new at ``rows`` repeat in fast motion, too: coarse ones do in slow
+    motion alone."""
+    reach = int(np.ceil(hold)) + 1
+    new = np.zeros(len(q), bool)
+    new[rows] = True
+    speed = np.zeros(len(q))
+    speed[reach:-reach] = (np.abs(q[2 * reach :] - q[: -2 * reach]) / np.maximum(np.ptp(q, axis=0), 1e-12)).max(axis=1)
+    moving = speed > 0.0
+    fast = speed > np.median(speed[moving]) if moving.any() else moving
+    return bool(np.mean(~new[fast]) > AS_OFTEN * np.mean(~new[moving & ~fast])) if fast.any() else False
 
 
 def _samples(run: Trajectory, names: Sequence[str]) -> tuple[NDArray[np.intp], float] | None:
