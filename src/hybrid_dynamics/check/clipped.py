@@ -50,11 +50,9 @@ def check_clipped(run: Trajectory, robot: Robot) -> list[Finding]:
         return []
     few: list[str] = []
     many: list[str] = []
-    for j in _movers(run):
-        levels = _cut_off(run, j, robot)
+    for j, levels in _cut_off(run, robot).items():
         shares = "; ".join(f"{share:.1%} of the samples at {level:.4g} N m" for level, share in levels)
-        if levels:
-            (few if _exceptions(levels) else many).append(f"tau{j + 1} ({shares})")
+        (few if _exceptions(levels) else many).append(f"tau{j + 1} ({shares})")
     told = ((few, LEFT_OUT), (many, TOO_MANY))
     return [Finding("saturation", "warning", f"{', '.join(own)}: {text}", run=run.name) for own, text in told if own]
 
@@ -63,8 +61,7 @@ def clipped_samples(run: Trajectory, robot: Robot) -> NDArray[np.bool_]:
     """(T, n) where the torque of a joint of ``robot`` that moves is at a value at which it is cut off, unless most
     samples are."""
     out = np.zeros(run["tau"].shape, bool)
-    for j in _movers(run):
-        levels = _cut_off(run, j, robot)
+    for j, levels in _cut_off(run, robot).items():
         for level, _ in levels if _exceptions(levels) else ():
             out[:, j] |= _at(run["tau"][:, j], level)
     return out
@@ -80,18 +77,24 @@ def _at(tau: Array, level: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(tau - level) <= ONE_VALUE * np.ptp(tau))
 
 
-def _cut_off(run: Trajectory, j: int, robot: Robot) -> list[tuple[float, float]]:
-    """:func:`_levels` at which the motion does not ask for the same torque all the while.
+def _cut_off(run: Trajectory, robot: Robot) -> dict[int, list[tuple[float, float]]]:
+    """:func:`_levels` of the joints that move, of those that have any: those at which the motion does not ask for the
+    same torque all the while.
 
     Where an axis accelerates evenly, as along the trapezoidal speeds of most controllers, the torque is constant, too.
     """
-    levels = _levels(run, j)
-    if not levels:
-        return []
+    moving = map(int, np.flatnonzero(np.ptp(run["q"], axis=0) >= MOVING))
+    piled = {j: levels for j in moving if (levels := _levels(run, j))}
+    if not piled:
+        return {}
     # A bell rings at no corner, as sharper filters do.
     q = gaussian_filter1d(run["q"], max(SMOOTHED / run.dt, 1.0), axis=0, mode="nearest")
-    own, reach = own_torque(robot, q, run.dt)[:, j], max(round(EDGES / run.dt), 1)
-    return [found for found in levels if _changes(own, _at(run["tau"][:, j], found[0]), reach)]
+    own, reach = own_torque(robot, q, run.dt), max(round(EDGES / run.dt), 1)
+    kept = {
+        j: [found for found in levels if _changes(own[:, j], _at(run["tau"][:, j], found[0]), reach)]
+        for j, levels in piled.items()
+    }
+    return {j: levels for j, levels in kept.items() if levels}
 
 
 def _changes(own: Array, at: NDArray[np.bool_], reach: int) -> bool:
@@ -112,10 +115,6 @@ def _changes(own: Array, at: NDArray[np.bool_], reach: int) -> bool:
 
 def _exceptions(levels: Sequence[tuple[float, float]]) -> bool:
     return bool(sum(share for _, share in levels) <= MOST)
-
-
-def _movers(run: Trajectory) -> list[int]:
-    return [int(j) for j in np.flatnonzero(np.ptp(run["q"], axis=0) >= MOVING)]
 
 
 def _levels(run: Trajectory, j: int) -> list[tuple[float, float]]:

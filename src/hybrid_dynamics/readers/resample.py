@@ -74,8 +74,8 @@ def resample(
 
     So it is where positions jump (:mod:`.jumps`). A run in one part keeps its name; parts are called ``name.part1``,
     ``name.part2`` ... Rows that a logger wrote twice are left out, and joined streams taken at the pace of the
-    positions (:mod:`.repeats`). Where the positions say that the
-    samples are of an even clock and the stamps are not (:func:`.clock.truer_stamps`), they are taken as even.
+    positions (:mod:`.repeats`). Where the positions say that the samples are of an even clock and the stamps are not
+    (:func:`.clock.truer_stamps`), they are taken as even.
     ``notify`` is told the grid, every gap and every jump.
     """
     settings = settings or ResampleSettings()
